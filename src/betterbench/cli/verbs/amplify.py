@@ -1,4 +1,4 @@
-"""``better amplify``: demonstrations for new initial states, generated from a few source demonstrations."""
+"""``better amplify``: generate demonstrations for new initial states from a few source demonstrations."""
 
 from __future__ import annotations
 

@@ -64,7 +64,8 @@ def calibrate_command(
         family: Set of policies: the faulty policies, or a part of the independent family. The part development was used
             to develop the diagnosis. The other parts (held_out, second and so on) were each used only once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
-        power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
+        power: Measure the power matrix instead. The trials of the matrix are fixed, so that only tasks, out and workers
+            can be given.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
             the other tasks are copied from the packaged file if they have not changed.
         overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.

@@ -35,9 +35,9 @@ def certify_command(
 ) -> None:
     """Certify that trials can be solved with trained motions, begin at rest, and match the premise of the instruction.
 
-    better eval plans the same trials for the same tasks, trials and seed. Ctrl-C keeps finished trials; the
-    same command resumes. The exit status is 0 even if a clause fails; such trials are listed, and better eval rejects
-    them.
+    better eval plans the same trials if it gets the same tasks, trials and seed. Ctrl-C keeps finished trials; the same
+    command resumes. The exit status is 0 even if a trial fails a clause of the certificate. Failed trials are listed,
+    and better eval rejects them.
 
     With --demonstrations, the command measures that number of expert demonstrations per task instead of certifying. The
     measured release positions are needed for the certificate and for the poses of pre-placed objects. Do this once for
@@ -54,7 +54,7 @@ def certify_command(
         workers: Number of worker processes; default: one per CPU core.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Appearance of objects and rooms: seen (in demonstrations) or unseen.
-        arm: The robot.
+        arm: Option that selects the robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.

@@ -1,4 +1,4 @@
-"""``better collect``: expert demonstrations in varied motion styles."""
+"""``better collect``: collect expert demonstrations in varied motion styles."""
 
 from __future__ import annotations
 

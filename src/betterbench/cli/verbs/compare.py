@@ -1,4 +1,4 @@
-"""``better compare``: comparison of policies, overall and by group, with the smallest detectable differences."""
+"""``better compare``: compare policies, overall and by group, and state the smallest detectable differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better dataset``: a training set with its manifest, dataset card, statistics and shortcut audit."""
+"""``better dataset``: make a training set with its manifest, dataset card, statistics and shortcut audit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better demo``: the expert and three faulty policies on two tasks, with a report on their failures."""
+"""``better demo``: evaluate the expert and three faulty policies on two tasks, and report their failures."""
 
 from __future__ import annotations
 

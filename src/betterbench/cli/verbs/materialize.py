@@ -37,8 +37,9 @@ def materialize_command(
 ) -> None:
     """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
-    Only the records and scenes of the run are read. Intact files are kept; missing and damaged files are rendered
-    again. The same command resumes. The files are identical for any number of workers, and after interruptions.
+    Only the records and scenes of the run are read. The same command resumes after an interruption: intact files are
+    kept, and missing or damaged files are rendered again. The files do not depend on the number of workers or on
+    interruptions.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -111,7 +112,7 @@ def _trial(text: str) -> TrialId:
 
 
 def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
-    """Check rendered modalities against a run's records; raise RecordError if files are missing or wrong."""
+    """Check rendered modalities against the records of a run. Raise RecordError if files are missing or wrong."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
     from betterbench.statistics.wording import plural

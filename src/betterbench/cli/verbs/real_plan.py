@@ -35,11 +35,11 @@ def plan_command(
         out: Folder of the protocol.
         policies: Policies as NAME=ADDRESS; their actions must be joint positions of the SO-101 in --unit.
         task: Task of the suite.
-        conditions: Conditions of the task; default: one for each cell of its diagnostic matrices.
+        conditions: Conditions of the task; default: one condition for each cell of the task's diagnostic matrices.
         trials: Number of trials per condition and policy.
-        seed: Random seed of the order and the codes.
+        seed: Random seed for the order of the trials and for their codes.
         unit: Unit of joint positions as in LeRobot: degrees, or normalized (-100 to 100).
-        rate_hz: Rate of actions, as in the training of the policies.
+        rate_hz: Number of actions per second, as in the training of the policies.
         time_limit_s: Maximum duration of a trial in seconds.
     """
     from betterbench.real.plan import make_plan, write_plan

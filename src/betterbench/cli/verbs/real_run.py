@@ -49,10 +49,10 @@ def run_command(
 ) -> None:
     """Guide an operator through the trials of a plan: set up the scene, start the policy, enter the outcome.
 
-    The page shows the position of each object as an overlay on the image of the front camera, and checks whether the
-    scene matches. The arm only moves while it is switched on, within the safety limits; the space key stops it. Stopped
-    and interrupted trials are repeated. The same command resumes. Keys also work in the terminal, and with --no-page
-    only there.
+    The page shows the planned position of each object as an overlay on the image of the front camera, and checks
+    whether the scene matches. The arm moves only while it is switched on, and only within the safety limits; the space
+    key stops it. Stopped and interrupted trials are repeated. The same command resumes where it stopped. Keys also work
+    in the terminal, and with --no-page only there.
 
     The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.
@@ -61,10 +61,10 @@ def run_command(
 
     Args:
         folder: Folder of the protocol.
-        robot: so101 for an SO-101 connected by LeRobot; mock for a simulated arm, to practice.
+        robot: so101 for an SO-101 connected through LeRobot; mock for a simulated arm to practice with.
         arm_port: Serial port of the arm.
         arm_id: Id of the arm's calibration in LeRobot.
-        cameras: Cameras as NAME=INDEX or NAME=PATH, one of them named front; for mock only names.
+        cameras: Cameras as NAME=INDEX or NAME=PATH, one of them named front; for the mock arm only names.
         camera_size: Width and height of the images in pixels.
         camera_rate_hz: Frame rate of the cameras.
         limits: JSON file with non-default safety limits, such as {"speed_rad_s": 1.0}.
@@ -246,7 +246,7 @@ def _obey_keys(session: RealSession, stopped: threading.Event, read: Callable[[]
 
 
 def obey_key(session: RealSession, key: str, note: str, stopped: threading.Event) -> bool:
-    """Execute a key pressed in the terminal, and return whether to continue with reading keys."""
+    """Execute a key pressed in the terminal, and return whether to keep reading keys."""
     from betterbench.real.outcomes import OUTCOMES
     from betterbench.real.session import Command, Stage
 

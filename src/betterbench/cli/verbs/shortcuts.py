@@ -57,7 +57,7 @@ def shortcuts_command(
             --gripper, in the same order. With a leading +, the components are displacements and are summed.
         closed: End of the gripper's range at which it is closed; auto infers it from names and values, or fails if it
             cannot be inferred.
-        seed: Seed of the sample that is drawn if the dataset has more than 5,000 episodes.
+        seed: Seed for the sample of episodes that is drawn if the dataset has more than 5,000.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
         overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
@@ -102,7 +102,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return the facts about the demonstrations, the audit, and the predicted results on the variations."""
+    """Return the facts about the demonstrations, the shortcut audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names

@@ -113,11 +113,10 @@ def vqa_command(
 ) -> None:
     """Make questions about the frames of a run, with answers from the records of the run.
 
-    The set is balanced, so that guessing without the images does not help.
     The questions ask for bounding boxes, counts, relations, containment, stacks, states, progress and presence of
-    objects. They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run,
-    the questions are about the decisive moments of the run's trials, for better diagnose --answers. The same command
-    resumes an interrupted set.
+    objects. They are balanced, so that guessing without the images does not help, and written with the images as JSON
+    lines in the conversation format of LLaVA and as Parquet. With --run, the questions are about the decisive moments
+    of the run's trials, for better diagnose --answers. The same command resumes an interrupted set.
 
     Example: better vqa runs/expert --out sets/expert --questions 10000
 

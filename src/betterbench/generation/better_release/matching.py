@@ -1,4 +1,4 @@
-"""Choice of library assets that represent the objects of a BeTTER release task, by a catalogue search."""
+"""Search of the catalogue for library assets that represent the objects of a BeTTER release task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Building of a suite of certified tasks from scenarios.
+"""Construction of a suite of certified tasks from scenarios.
 
 - ``casting``: choice of a catalogue asset for each description of a scenario (``choice``). ``names``: the nouns of
   these objects in instructions. ``look_alikes``: distractors that look like the items.

@@ -180,7 +180,7 @@ def _colors_in(described: DescribedObject) -> tuple[str, ...]:
 
 
 def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
-    """Return a message if an asset is less than half or more than twice as large as estimated, otherwise ""."""
+    """Return a message if an asset is less than half or more than twice as large as estimated; else an empty text."""
     size, (low, high) = entry.largest_m, described.size_m
     if size is None or 0.5 * low <= size <= 2.0 * high:
         return ""

@@ -157,7 +157,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
     if author.target and author.sentence:
         cure = "Give a template, or leave it out for all templates"
         raise InvalidInputError(
-            "better generate", "a sentence describes a single scenario, but --until needs many", cure
+            "better generate", "a sentence describes a single scenario, but --until needs many scenarios", cure
         )
     if author.num is not None:
         raise InvalidInputError("--num", "cannot be combined with --until", "Leave out --num")

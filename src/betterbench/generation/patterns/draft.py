@@ -214,6 +214,6 @@ def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
 
 
 def shuffled(cast: Cast, slots: Sequence[Slot]) -> tuple[Slot, ...]:
-    """Return slots in a random order, drawn from the seed of a cast."""
+    """Return slots in a random order, drawn from the seed of a cast (a scenario with chosen assets)."""
     order = np.random.default_rng(cast.seed).permutation(len(slots)).tolist()
     return tuple(slots[i] for i in order)

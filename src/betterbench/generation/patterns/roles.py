@@ -1,4 +1,4 @@
-"""Roles of the objects in a cast, and the look-alikes of these objects."""
+"""Roles of the objects in a cast (a scenario with chosen assets), and the look-alikes of these objects."""
 
 from __future__ import annotations
 
