@@ -78,7 +78,7 @@ class SafetyLimits:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InvalidInputError(
-                    f"limits: {name}", f"{value} is not a positive number", "Give a positive number"
+                    f"limits: {name}", f"expected a positive number, got {value}", "Correct the limit"
                 )
         if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
             raise InvalidInputError(

@@ -102,7 +102,7 @@ def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
         (["--tokens", "DROID=x"], "expected NAME=NUMBER"),
         (["no.yaml"], "no.yaml"),
         (["list.yaml"], "the file contains no fields"),
-        (["alias.yaml"], "it has an alias"),
+        (["alias.yaml"], "the file uses a YAML alias"),
         (["broken.yaml"], "is not YAML"),
         (["deep.yaml"], "nested too deep"),
         (["field.yaml"], "field.yaml: grups"),

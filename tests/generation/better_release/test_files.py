@@ -57,7 +57,7 @@ BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n"
 
 # by name: the file, its content or a change of it, and words of the message
 WRONG = {
-    "bomb": ("task.yaml", BOMB, "task.yaml: it has an alias"),
+    "bomb": ("task.yaml", BOMB, "task.yaml: the file uses a YAML alias"),
     "large": ("task.yaml", "task_id: Picnic\n# " + "x" * 10_000_000, "is larger than"),
     "python": ("task.yaml", "task_id: !!python/object/apply:os.system ['true']\n", "task.yaml: is not YAML"),
     "deep": ("task.yaml", "a: " + "[" * 2000 + "]" * 2000, "nested too deep"),

@@ -151,7 +151,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
         if one.built.task is not None:
             if one.built.task.id in forms:
                 problem = f"two tasks get the same id, {one.built.task.id}"
-                raise InvalidInputError(str(one.release.folder), problem, "Import the task folders one by one")
+                raise InvalidInputError(str(one.release.folder), problem, "Import each task folder separately")
             forms[one.built.task.id] = task_to_json(one.built.task)
     if not forms:
         return None

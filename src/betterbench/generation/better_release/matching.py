@@ -70,7 +70,7 @@ def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
 
     def opened(_: str) -> TextEncoder:
         if encoder is None:
-            raise AssertionError("a catalogue without an encoder has no vectors")
+            raise AssertionError("a catalogue without a text encoder contains no vectors to compare")
         return encoder
 
     with ExitStack() as stack:

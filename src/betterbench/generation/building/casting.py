@@ -132,7 +132,7 @@ def fitting(
 
 
 def name_problem(query: str, entry: CatalogueEntry) -> str:
-    """Return a message if a noun of a query matches neither the names nor the text of an asset; otherwise ""."""
+    """Return a message if a noun of a query matches neither the names nor the text of an asset; else an empty text."""
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
         return "it is one object, but the query asks for several"

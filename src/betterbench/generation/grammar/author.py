@@ -170,7 +170,9 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
         if len(mine) > most:
             nouns = ", ".join(want.noun for want in mine)
             raise InvalidInputError(
-                "sentence", f"has {len(mine)} objects for the group {group_id!r} ({nouns})", f"Use at most {most}"
+                "sentence",
+                f"has {len(mine)} objects for the group {group_id!r} ({nouns})",
+                f"Use at most {most} objects",
             )
         if not mine:
             groups[group_id] = usual
