@@ -122,7 +122,7 @@ def _import(
     for option, value in one_only.items():
         if value is not None and len(given) > 1:
             raise InvalidInputError(
-                f"--{option}", f"{len(given)} files were given", "Import one file at a time with this option"
+                option, f"{len(given)} files were given", "Import one file at a time with this option"
             )
     for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
         if number is not None and not 0.0 < number < 100.0:
