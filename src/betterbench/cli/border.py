@@ -67,9 +67,9 @@ LIMITS: Mapping[str, tuple[float, float]] = {
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a subcommand so that it checks its numeric options first.
+    """Wrap a subcommand so that its numeric options are checked before it runs.
 
-    With ``--json``, the wrapped subcommand prints nothing but its JSON document on standard output.
+    If ``--json`` is given, the wrapped subcommand prints nothing but its JSON document on standard output.
     """
 
     def verb(*args: object, **options: object) -> None:

@@ -20,11 +20,12 @@ class BuildOptions:
     Attributes:
         name: Name of the suite; a digest of its tasks is appended.
         seeds: Number of trials to certify per variation; better eval --trials can use at most this number.
-        demonstrations: Expert demonstrations to measure per task.
+        demonstrations: Number of expert demonstrations to measure per task.
         power: Number of trials that each faulty policy runs per variation, to measure whether the variation exposes the
             fault; 0 skips this measurement.
         workers: Number of worker processes; default: one per CPU core.
-        catalogue: Catalogue written by better assets index; objects that the library lacks are imported from it.
+        catalogue: Catalogue written by better assets index. Objects that the library lacks are imported from this
+            catalogue.
     """
 
     name: str = "generated"
@@ -41,7 +42,7 @@ class BuildOptions:
 
     @property
     def settings(self) -> Settings:
-        """Settings that affect the results of the build, unlike the number of worker processes."""
+        """Settings that affect the results of the build. They do not include the number of worker processes."""
         from betterbench.generation.building.result import Settings
 
         return Settings(self.seeds, self.demonstrations)

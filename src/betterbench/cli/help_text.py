@@ -53,7 +53,10 @@ def color_as_asked() -> None:
 
 @contextlib.contextmanager
 def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
-    """Replace the list of subcommands in the overview's usage line by COMMAND if the list does not fit the terminal."""
+    """Shorten the usage line in the overview of all subcommands.
+
+    If the list of subcommands does not fit the terminal, it is replaced by COMMAND.
+    """
     listed = "{" + ",".join(verbs) + "}"
 
     class Brief:

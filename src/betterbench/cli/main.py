@@ -56,8 +56,8 @@ class Verb:
     """A subcommand of the command line.
 
     Attributes:
-        function: Location of the function: "module:name" in the package of subcommands, or the full name of a function
-            of betterbench-calibration.
+        function: Location of the function: "module:name" in the package of subcommands, or the full name if the
+            function belongs to the package betterbench-calibration.
         takes_tasks: Whether the subcommand accepts ``--task-file`` and ``--asset-dir``.
         takes_suite: Whether the subcommand also accepts ``--suite``. If it does and ``--tasks`` is not given, the
             subcommand works on the tasks of the suite.
@@ -304,8 +304,8 @@ def _show_overview(given: Sequence[str]) -> None:
 def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
     """Return the function that represents a subcommand in the overview.
 
-    With ``with_options``, this is the subcommand itself if its package is installed. Otherwise, it is an empty function
-    whose docstring is the summary of the subcommand.
+    If ``with_options`` is set and the package of the subcommand is installed, this is the subcommand itself. Otherwise,
+    it is an empty function whose docstring is the summary of the subcommand.
     """
     if with_options:
         with suppress(MissingDependencyError):
@@ -378,7 +378,7 @@ def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
     """Wrap a subcommand so that its help lists ``--run-file``.
 
-    :meth:`Verb.words` has already replaced this option by the options in the file.
+    When the wrapper is called, :meth:`Verb.words` has already replaced ``--run-file`` with the options in the file.
     """
 
     def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
@@ -393,12 +393,12 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give the wrapper of a subcommand the options, type hints and help texts of both functions.
+    """Give the wrapper of a subcommand all options, type hints and help texts: those of the subcommand and its own.
 
     Args:
-        verb: Wrapper, which has additional options.
+        verb: Wrapper, which adds options.
         function: Wrapped subcommand.
-        texts: Help text of each additional option, by option name.
+        texts: Help text of each added option, by option name.
     """
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)

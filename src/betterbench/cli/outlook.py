@@ -1,4 +1,4 @@
-"""Estimates of a run's duration, printed before and during the run."""
+"""Estimates of the duration of a run, printed before and during the run."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LONG_S = 300.0
 
 @dataclass(slots=True)
 class Outlook:
-    """Estimate of a run's remaining time from the control steps of the current session.
+    """Estimate of the remaining time of a run, based on the speed of the current session.
 
     Attributes:
-        limits: Maximum number of steps of each trial; empty if unknown.
-        steps: Number of control steps in this session.
+        limits: Maximum number of control steps of each trial; empty if unknown.
+        steps: Number of control steps that were executed in this session.
     """
 
     limits: Mapping[TrialId, int]
@@ -48,7 +48,7 @@ class Outlook:
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Record the number of steps in this session at a time of the monotonic clock [s]."""
+        """Record how many steps this session has executed at the given time of the monotonic clock [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:
@@ -56,7 +56,7 @@ class Outlook:
 
     @property
     def seen_s(self) -> float:
-        """Time since the first reported steps [s]."""
+        """Time since the first report of executed steps [s]."""
         return 0.0 if self._first is None else self._now_s - self._first[0]
 
     @property
@@ -68,7 +68,7 @@ class Outlook:
 
     @property
     def most_left_s(self) -> float | None:
-        """Remaining time if every trial takes the maximum number of steps [s], or None if it is not known yet."""
+        """Remaining time if every trial takes its maximum number of steps [s], or None if the time is not known yet."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:
@@ -81,7 +81,7 @@ class Outlook:
         return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
 
     def first_estimate(self) -> str | None:
-        """Return a message that estimates the duration of a run after its first seconds; None if the run is short."""
+        """Return a message that estimates the duration of a run from its first seconds; None if the run is short."""
         if self.most_left_s is None or self.most_left_s < LONG_S:
             return None
         return (

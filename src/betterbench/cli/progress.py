@@ -29,7 +29,7 @@ FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 
 
 class _Widths(NamedTuple):
-    """Column widths of the parts of the line that can shrink. An omitted part has width 0."""
+    """Widths of the parts of the progress line that can be shortened, in columns. An omitted part has width 0."""
 
     what: int
     bar: int
@@ -37,7 +37,7 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that counts and times leave free among the name, the bar and the note.
+    """Divide the columns that are not used by counts and times among the name, the bar and the note.
 
     All parts except the first include a leading space.
 

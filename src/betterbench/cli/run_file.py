@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: options of ``better eval`` by name, with the same values as on the command line."""
+    """Content of a run file: options of ``better eval`` by name, with the values they can have on the command line."""
 
     policy: Name | None = None
     out: Name | None = None

@@ -16,7 +16,7 @@ class RunTally:
     """Counts of the finished trials while a run is in progress.
 
     Attributes:
-        ambiguous: Planned trials for which no outcome is right or wrong. They are not judged.
+        ambiguous: Planned trials for which no outcome is right or wrong. These trials are not judged.
         judged: Number of trials with a record and a right or wrong outcome.
         successes: Number of judged trials that succeeded.
         policy_errors: Number of trials that ended with an error of the policy.
@@ -95,7 +95,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Describe how long the policy takes to answer; empty if this is unknown."""
+    """Describe how long the policy takes to answer. The text is empty if this is unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -119,7 +119,7 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
     Args:
         times: Time spent in each part of the run.
-        drawn_here: Whether the workers render the images; otherwise the simulator of an external world renders them.
+        drawn_here: Whether the workers render the images. Otherwise, the simulator of an external world renders them.
         chosen: Whether a warm-up chose the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"

@@ -32,7 +32,7 @@ _LEAST_ROOM = 1 << 20
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
     """Return the metrics of a run and their confidence bounds, by name ("success_rate/fast_food/T1").
 
-    Labels ("labels/timeout") are counted over the trials of variations, without the ambiguous trials.
+    Labels ("labels/timeout") are counted over the trials of all variations; ambiguous trials are left out.
     """
     numbers: dict[str, float] = {}
     for metric in diagnosis.metrics:
@@ -86,7 +86,9 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write the event file. It replaces the file of an earlier export, because TensorBoard would show both.
+    """Write the event file.
+
+    It replaces the file of an earlier export, because TensorBoard would otherwise show both files.
 
     The events are written without the writer thread of ``SummaryWriter``: on a full disk, that thread dies, and the
     next call waits for it forever.

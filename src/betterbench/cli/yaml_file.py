@@ -32,7 +32,10 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """YAML loader that parses 1e-3 as a number, as in YAML 1.2. YAML 1.1 requires a decimal point."""
+        """YAML loader that parses 1e-3 as a number, as in YAML 1.2.
+
+        In YAML 1.1, such a number needs a decimal point.
+        """
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
@@ -66,7 +69,7 @@ def _require_once(path: Path, node: yaml.Node | None) -> None:
 
 
 def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
-    """Reject aliases and deep nesting as soon as one is found, before any value is built."""
+    """Reject aliases and deep nesting while the file is parsed, before any value is built from it."""
     import yaml
 
     depth = 0

@@ -19,7 +19,10 @@ WRONG_SHOWN = 12
 
 
 def print_calibration(found: Calibration) -> None:
-    """Print how often each label is found and correct, and the first wrong labels."""
+    """Print a table of labels, and examples of wrong labels.
+
+    The table shows how often each label is found when it is the true one, and how often it is correct when assigned.
+    """
     rows = [
         [
             label_name(s.label),

@@ -27,10 +27,10 @@ def print_comparison(result: Comparison) -> None:
 
 
 def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
-    """Print one row per group of trials, with the rate of each policy.
+    """Print one row per group of trials, with the success rate or other measure of each policy.
 
-    For two policies, the row has their difference too. Letters after the rates mark policies that cannot be
-    distinguished.
+    If two policies are compared, the row also shows the difference between them. The letters after the rates tell which
+    policies cannot be distinguished: these policies share a letter.
     """
     names = groups[0].names
     columns = ["over" if groups[0].measure == "success" else "what", *names]

@@ -22,7 +22,7 @@ def bar_note(progress: SetProgress) -> str:
 def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] = ()) -> None:
     """Print how much the demonstrations of a set differ from each other.
 
-    The same is printed for their sources, if any.
+    If the set was generated from source demonstrations, the variety of the sources is printed too.
     """
     from betterbench.demonstrations.making.variety import SPREADS, variety_rows
 

@@ -1,4 +1,4 @@
-"""Output of subcommands that build a report: progress bars, and at the end the verdicts."""
+"""Output of subcommands that build a report: progress bars, followed by the verdicts."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ LISTENER = ReportListener(say=say, warn=say, bar=passing_bar)
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:
-    """Print verdicts as the last lines of the terminal, on standard error."""
+    """Print verdicts as the last lines of output, on standard error."""
     for verdict in verdicts:
         ERR.print(verdict, markup=False, style="bold", soft_wrap=not ERR.is_terminal)

@@ -14,17 +14,17 @@ SHOWN_LINES = 8
 
 
 def print_standing(policy: str, standing: Standing) -> None:
-    """Print the success rates of the pretenders (simulated faulty policies).
+    """Print the success rates of a policy and of the pretenders (simulated faulty policies).
 
-    The one most similar to the policy is named.
+    The pretender that is most similar to the policy is named.
     """
     print_standings([policy], [standing])
 
 
 def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
-    """Print the success rates of policies, and of the pretenders (simulated faulty policies) that are most similar.
+    """Print the success rates of policies and of the pretenders (simulated faulty policies) most similar to them.
 
-    The similarity is judged by the first policy. All policies must have run the same trials.
+    The pretenders are sorted by their similarity to the first policy. All policies must have run the same trials.
     """
     first = standings[0]
     columns = scope_columns(standings)

@@ -34,8 +34,8 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
     """Print the scores of a run, the scores computed by upstream programs, and the caveats of the comparison.
 
     Args:
-        benchmark: The benchmark.
-        run: The model's run of the benchmark.
+        benchmark: Benchmark that was run.
+        run: Answers and scores of the model.
         acted: Diagnosis of a policy's run. The policy's illusion gap in simulation is shown next to the model's static
             gap, which is measured with questions about images.
     """
@@ -57,7 +57,7 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
 
 
 def print_steps(table: StepTable) -> None:
-    """Print the scores in each row of a step table, and the steps, which are the changes between neighboring rows."""
+    """Print the scores of several runs in order, and the steps (changes of the scores) from one run to the next."""
     heads = {name: find_benchmark(name).title for name in table.benchmarks}
     rows = [
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
@@ -90,7 +90,7 @@ def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
 
 
 def _print_groups(table: StepTable) -> None:
-    """Print the groups of questions whose score a step changed significantly."""
+    """Print the groups of questions for which the score changed significantly from one run to the next."""
     if not table.groups:
         return
     moved = [group for group in table.groups if group.is_supported and not group.explained_by]
@@ -115,7 +115,10 @@ def _print_groups(table: StepTable) -> None:
 
 
 def _print_eyesight(compared: EyesightComparison) -> None:
-    """Print the smallest object size at which a model answers correctly at each resolution, or why it is unknown."""
+    """Print for each image resolution the smallest object size at which a model answers correctly.
+
+    If this size cannot be inferred, the reason is printed.
+    """
     rows = []
     for eyes, alone in compared.alone.items():
         loss = None if compared.one.value is None else compared.one.further.get(eyes)
@@ -252,7 +255,7 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
 
 
 def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> list[str]:
-    """Return sentences about the statistically supported static gaps, and about larger losses of a policy.
+    """Return sentences about the statistically supported static gaps of a model, and about larger gaps of a policy.
 
     Args:
         gaps: Static illusion gaps of the model.

@@ -123,7 +123,7 @@ def _failures(certificate: AssetCertificate) -> str:
 
 
 def _write_pictures(judged: Sequence[tuple[Target, AssetCertificate]], out: Path, *, overwrite: bool) -> None:
-    """Write a sheet with the visible parts, collision parts and resting pose of each imported asset."""
+    """Write an image file that shows the visible parts, collision parts and resting pose of each imported asset."""
     from PIL import Image
 
     from betterbench.evaluation.figures.show import image_file

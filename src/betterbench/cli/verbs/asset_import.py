@@ -163,7 +163,8 @@ def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
     """Return the catalogue rows with the given ids.
 
-    If there is no catalogue and the first id looks like a file name, raise InvalidInputError for the missing file.
+    If there is no catalogue and the first id looks like a file name, the raised InvalidInputError is about a missing
+    file.
     """
     from betterbench.sim.assets.catalogue.search import Catalogue
 

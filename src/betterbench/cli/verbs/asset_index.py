@@ -72,9 +72,9 @@ def index_command(
 
 
 def _encoder(name: str) -> tuple[TextEncoder | None, str]:
-    """Return the text encoder with a name, and an empty message.
+    """Return the text encoder with the given name, and an empty message.
 
-    If the default encoder is not installed, return None, and a message with the command that installs it.
+    If this is the default encoder and it is not installed, return None and a message with the command that installs it.
     """
     from betterbench.sim.assets.catalogue.encoders import DEFAULT, open_encoder
 

@@ -82,9 +82,9 @@ def search_command(
 def _found(
     opened: Catalogue, query: str, *, limit: int, num: int | None, seed: int, filters: Filters
 ) -> list[tuple[str, Hit]]:
-    """Return the assets that match a query, as pairs of asset id and hit.
+    """Return the assets that match a query, as pairs of asset id and search hit.
 
-    With ``num``, choose different ones among them.
+    If ``num`` is given, return this number of matching assets that differ in shape and color.
     """
     from betterbench.sim.assets.catalogue.variety import choose_different
 
@@ -108,9 +108,9 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the message that a search used words only.
+    """Return the message that a search compared only words, not meanings.
 
-    It includes the command that adds text embeddings to the catalogue.
+    The message includes the command that adds text embeddings to the catalogue.
     """
     from betterbench.installation import EXTRAS, extra_command
 

@@ -53,8 +53,8 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
     """Read scenarios from files and folders, ordered by path and then by the number in the file name.
 
     Raises:
-        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, the groups
-            of its objects differ from the template's, or two objects have the same name.
+        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, the object
+            groups of a scenario differ from those of its template, or two objects have the same name.
     """
     from betterbench.generation.scenario_form import scenario_from_json
     from betterbench.generation.sense import require_groups
@@ -85,7 +85,7 @@ def build_and_tell(
 ) -> None:
     """Build and certify tasks from scenarios, write a page about them, and print the outcome.
 
-    The picture cards of the tasks are drawn too, and the power of the variations is measured if this was requested.
+    Picture cards of the tasks are drawn too. If requested, it is measured which faults each variation can expose.
     """
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.generation.building.job import build_suite
@@ -162,7 +162,7 @@ def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[st
 def power_of_suite(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
     """Run policies with faulty decision rules on every variation of a suite.
 
-    Write the power matrix into the suite's folder.
+    The results form the power matrix, which is written into the suite's folder.
     """
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably

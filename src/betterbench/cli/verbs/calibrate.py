@@ -110,9 +110,9 @@ def calibrate_command(
 
 
 def _family(part: str) -> ModuleType:
-    """Return the module that calibrates on the independent family.
+    """Return the module that calibrates on the independent family of policies.
 
-    It is part of betterbench-calibration, not of the wheel.
+    The module belongs to the separate package betterbench-calibration.
     """
     return calibration_module("family", f"--family {part} needs betterbench-calibration, which is not installed")
 
@@ -176,9 +176,10 @@ def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
 
 
 def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, tasks: Sequence[str]) -> Path:
-    """Write a power matrix and its page, and return the path of the page. If requested, also write the packaged file.
+    """Write a power matrix and its page, and return the path of the page.
 
-    If only a part of the suite was measured, the packaged file keeps its values for the other tasks.
+    If requested, also write the packaged file. If only some tasks of the suite were measured, the packaged file keeps
+    its values for the other tasks.
     """
     from betterbench.diagnosis.measures.power_matrix import packaged_matrix_name, packaged_power_matrix
     from betterbench.jobs import write_durably
@@ -199,7 +200,10 @@ def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, tasks: S
 def _store(
     found: Calibration, out: Path, family: str, *, tasks: Sequence[str], films: int, write_package: bool
 ) -> Path:
-    """Write a calibration and its page, and return the path of the page. If requested, also write the packaged file."""
+    """Write a calibration and its page, and return the path of the page.
+
+    If requested, also write the packaged file.
+    """
     from betterbench.cli.output.calibration import film_strips
     from betterbench.diagnosis.measures.confusion import packaged_file
     from betterbench.diagnosis.measures.power_matrix import measured_on, power_cure

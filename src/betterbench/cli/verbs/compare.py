@@ -155,8 +155,7 @@ def _prediction(
 ) -> PredictionTable:
     """Test whether the static scores of policies predict their illusion gaps.
 
-    A policy's run of better vlm and its run of better eval are matched by name. Without names, they are matched by
-    order.
+    A policy's run of better vlm and its run of better eval are matched by name, or by order if no names are given.
     """
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder

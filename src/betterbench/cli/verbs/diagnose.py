@@ -100,11 +100,11 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
 @contextmanager
 def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
-    """Report an error that occurs while a result is stored, and continue, so that the result is still printed.
+    """Report an error that occurs while a result is being stored, and continue, so that the result is still printed.
 
     Args:
         consequence: Beginning of the message, which states the consequence of the error.
-        path: File to write.
+        path: File that was to be written.
     """
     try:
         yield

@@ -218,9 +218,10 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Print the number of trials and the drops that they can detect. For a large plan, also suggest a smaller run.
+    """Print the number of trials and the smallest drops that they can detect. For a large plan, suggest a smaller run.
 
-    ``certified`` contains the options for robot and certificate. It is None if the plan comes from another run.
+    ``certified`` contains the command-line options for robot and certificate. It is None if the plan is that of another
+    run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -361,9 +362,9 @@ def default_folder(policy: str) -> str:
 
 
 def prepare_robot(name: str | None = None) -> None:
-    """Store reduced meshes of a robot in the cache, with a progress bar. Later runs reuse these meshes.
+    """Store simplified meshes of a robot in the cache while showing a progress bar. Later runs reuse these meshes.
 
-    Without a name, the usual robot is prepared.
+    If no robot is named, the default robot is prepared.
     """
     from betterbench.interface.actions import USUAL_ROBOT
     from betterbench.sim.worlds import OWN_WORLD
@@ -372,7 +373,7 @@ def prepare_robot(name: str | None = None) -> None:
 
 
 def prepare_robots_of(tasks: Iterable[str]) -> None:
-    """Prepare the robots for which the tasks were designed. If there are no tasks, prepare the usual robot."""
+    """Prepare the robots for which the tasks were designed. If there are no tasks, prepare the default robot."""
     from betterbench.tasks import get_task
 
     for name in dict.fromkeys(get_task(task).robot for task in tasks) or (None,):
@@ -443,7 +444,7 @@ class _RunLine:
         self._show(progress)
 
     def step(self, steps: int) -> None:
-        """Show the progress after the workers have reported the number of steps."""
+        """Show the progress when the workers have reported how many steps they executed."""
         self._outlook.see(steps)
         if self._progress is None:
             return

@@ -69,8 +69,8 @@ def generate_command(
         quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
             range (10%-30%, 3-8).
         quotas: YAML or JSON file with quotas.
-        distinct: How two tasks must differ at least: by the category of an object (categories), or by the category or
-            the color of an object (colors).
+        distinct: Minimum difference between two tasks: they differ in the category of an object (categories), or in the
+            category or color of an object (colors).
         unlike: Suites whose near-duplicates are rejected: better60, or suite folders.
         max_attempts: Maximum number of scenarios to build; default: three per task.
         options: Options for building and certifying tasks, used with --until and --build.

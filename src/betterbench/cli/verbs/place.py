@@ -94,7 +94,10 @@ def _row(placed: Placed, found: Feasibility) -> list[str]:
 
 
 def _reasons(placed: Placed, found: Feasibility) -> list[list[str]]:
-    """Return a row for each object whose grasp could not be planned in some trials, and one for the unsolved trials."""
+    """Return table rows with the reasons of failures.
+
+    There is a row for each object whose grasp could not be planned in some trials, and one for the unsolved trials.
+    """
     rows = [
         [placed.task.id, grasp.name, f"{grasp.trials - grasp.planned} of {grasp.trials}", f"no grasp: {grasp.reason}"]
         for grasp in found.grasps

@@ -52,7 +52,7 @@ def run_command(
     The page shows the planned position of each object as an overlay on the image of the front camera, and checks
     whether the scene matches. The arm moves only while it is switched on, and only within the safety limits; the space
     key stops it. Stopped and interrupted trials are repeated. The same command resumes where it stopped. Keys also work
-    in the terminal, and with --no-page only there.
+    in the terminal. With --no-page, they work only there.
 
     The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.
@@ -195,7 +195,7 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bool) -> Iterator[None]:
     """While the context is open, execute the keys that are pressed in the terminal.
 
-    If there is no terminal and ``needed`` is set, lines of standard input are executed instead.
+    If there is no terminal and ``needed`` is set, the lines of standard input are executed as keys instead.
     """
     if not sys.stdin.isatty():
         if needed:

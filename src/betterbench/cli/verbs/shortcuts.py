@@ -151,7 +151,7 @@ def _run_in(data: Path) -> Path:
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return how much a run's demonstrations differ from each other, by task. Empty for a LeRobot dataset."""
+    """Return how much the demonstrations of a run differ from each other, by task. Empty for a LeRobot dataset."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 
@@ -186,7 +186,10 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the tested and the untested questions of a group, and the rules that only reflect the meaning of words."""
+    """Print which questions the audit tested for a group of demonstrations, and which it could not test.
+
+    Rules that only reflect the meaning of words are printed too, marked as not being shortcuts.
+    """
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")

@@ -78,7 +78,7 @@ def view_command(
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Handle SIGTERM like Ctrl-C, so that partially written files are removed."""
+    """Handle SIGTERM in the same way as Ctrl-C, so that partially written files are removed."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame

@@ -80,8 +80,8 @@ def vlm_command(
         out: Folder of the run.
         prompt: Identifier of the prompt; default: betterbench's prompt.
         coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
-            thousandths-json, thousandths-yx-json or percent-xml. betterbench's prompts state it. Default: fractions for
-            refspatial, pixels for better-vqa.
+            thousandths-json, thousandths-yx-json or percent-xml. The prompts of betterbench state this convention.
+            Default: fractions for refspatial, pixels for better-vqa.
         eyes: Resolution of the images: native (unchanged), tile-1 (one tile of 448 pixels), blur-224 (224 pixels,
             enlarged to 448), or native-224 (224 pixels).
         max_tiles: Maximum number of InternVL tiles per image, default 12; sent to an endpoint as vLLM's

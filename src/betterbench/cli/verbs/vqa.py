@@ -158,9 +158,9 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the question set, and the folder of its run if it is known.
+    """Return the question set, and the folder of the run that it is about if this folder is known.
 
-    A set that does not exist yet is made first.
+    If the set does not exist yet, it is made first.
     """
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
@@ -181,9 +181,9 @@ def _made(
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
-    """Return the scores of a model's answers, which are requested now or read from a file.
+    """Return the scores of a model's answers. The answers are requested now, or read from a file.
 
-    Return None if there are no answers.
+    If there are no answers, return None.
     """
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
     from betterbench.vqa.llm import ChatEndpoint
