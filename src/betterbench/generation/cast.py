@@ -1,4 +1,4 @@
-"""Casts: scenarios in which an asset has been chosen for each description."""
+"""Casts: scenarios in which an asset has been chosen for each described object."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ class Cast:
     """Scenario with an asset for each description.
 
     Attributes:
-        scenario: The scenario.
+        scenario: Scenario with the descriptions of the objects.
         groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
             ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
             and unique in the cast ("red mug" if there is also a blue mug, otherwise "mug").
@@ -28,7 +28,7 @@ class Cast:
     seed: int = 0
 
     def one(self, group_id: str) -> ObjectSpec:
-        """Return the only object of a group.
+        """Return the only object of a cast group.
 
         Raises:
             InvalidInputError: If the group does not have exactly one object.

@@ -134,8 +134,8 @@ class Chosen:
 
     Attributes:
         template: Name of the template.
-        scenarios: The scenarios.
-        reworded: Reason why an instruction of the grammar replaces the sentence; empty if the sentence itself is the
+        scenarios: Scenarios that contain the named objects.
+        reworded: Reason why the sentence is replaced by a generated instruction; empty if the sentence itself is the
             instruction.
     """
 
@@ -167,9 +167,10 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
-    """Return a scenario whose groups begin with the objects of a sentence, in the order of the sentence.
+    """Return a scenario whose groups begin with the objects that a sentence names, in the order of the sentence.
 
-    The first training condition is then about the objects that are named first. A top bun stays on top.
+    The first training condition is then about the objects that are named first. A top bun is not moved forward, because
+    it must stay the last layer.
     """
     groups = dict(scenario.groups)
     moved = [group.group_id for group in TEMPLATES[scenario.template].groups if group.role == "item"]
@@ -235,10 +236,10 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects named in a sentence, each with the kinds of library objects to which its noun may refer.
+    """Return the objects named in a sentence, each with the kinds of library objects that its noun may mean.
 
     Raises:
-        InvalidInputError: If the library's vocabulary for the template lacks an object, or lacks it in the named color.
+        InvalidInputError: If the library has no such object for the template, or has it only in other colors.
     """
     grammar = grammar_of(template)
     sentence = without_direction(sentence) if template == ARRANGED else sentence
@@ -264,9 +265,9 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
 
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
-    """Return a wanted plate without the widest kinds if it is put on another plate.
+    """Leave out the widest kinds of plate for a plate that a sentence puts on another plate.
 
-    In "the red plate on the blue plate", this is the red plate.
+    In "the red plate on the blue plate", these kinds are left out for the red plate. They are kept for the blue one.
     """
     kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
     stays = {"on", "onto", "of"} & set(tokens[max(0, at - 3) : at])
@@ -303,7 +304,7 @@ _EXAMPLES = {
 
 
 def _require_nouns(tokens: list[str]) -> None:
-    """Raise InvalidInputError for a color followed by "one" in place of a noun, as such references are not resolved."""
+    """Raise InvalidInputError for a phrase such as "the red one", because the noun behind "one" is not resolved."""
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
@@ -335,7 +336,7 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], p
 def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
     """Return the kinds of objects to which each noun may refer, with the group of each kind.
 
-    If a noun is the usual noun of one category and an additional noun of another, it refers to the former.
+    If a noun is the usual noun of one category and a secondary noun of another category, it refers to the former.
     """
     exact: dict[tuple[str, ...], dict[Kind, str]] = {}
     other: dict[tuple[str, ...], dict[Kind, str]] = {}
@@ -354,7 +355,7 @@ def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
 
 
 def _usual_nouns(template: str) -> set[str]:
-    """Return the usual nouns, without colors, of all objects in the grammar of a template."""
+    """Return the usual nouns of all objects in a template's grammar, without colors."""
     return {phrase_of(*kind).short for meant in _nouns(template).values() for kind in meant}
 
 

@@ -107,7 +107,8 @@ class Generated:
         scenarios: Scenarios by number, counted from 1.
         files: File of each scenario, by number.
         refused: Scenarios for which the model gave no valid answer.
-        reworded: Reason why a given sentence is not used as the instruction; empty if it is, or if a model was used.
+        reworded: Reason why a given sentence is not used as the instruction; empty if it is used, or if a model wrote
+            the scenarios.
     """
 
     template: str
@@ -216,13 +217,13 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
 
 
 def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, changed: Collection[str] = ()) -> None:
-    """Write the settings from which a folder is generated into the folder.
+    """Write a file with the settings from which the content of a folder is generated.
 
     Args:
         out: Folder.
         form: Settings as a JSON-serializable mapping.
         overwrite: Whether different settings in the folder may be replaced.
-        changed: Names of settings that may differ from those in the folder.
+        changed: Names of settings that may differ from those already stored in the folder.
 
     Raises:
         RunConflictError: If the folder has different settings.

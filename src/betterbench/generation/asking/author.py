@@ -48,7 +48,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios written by a model, by number (counted from 1), and the scenarios without a valid answer."""
+    """Scenarios that a model wrote, by number from 1, and the scenarios for which it gave no valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -71,7 +71,7 @@ def ask_for_scenarios(
         chat: Model with its stored exchanges.
         count: Number of scenarios.
         tries: Maximum number of answers per scenario. The problems of a rejected answer are sent back to the model.
-        sentence: Sentence of a user that each scenario must match. If it is empty, there is no such sentence.
+        sentence: Sentence of a user that each scenario must match; empty if there is no sentence.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
@@ -177,7 +177,7 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Parse an answer, which must be a JSON list with one scenario. A code fence around the list is removed.
+    """Parse a model's answer, which must be a JSON list with one scenario. A code fence around the list is removed.
 
     Raises:
         InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.
@@ -222,7 +222,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return where a scenario deviates from the user's sentence: missing objects, missing places, and other goals."""
+    """Return how a scenario differs from the user's sentence: missing objects, missing places, and other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)

@@ -36,10 +36,10 @@ class Exchange:
     Attributes:
         prompt: Identifier of the wording of the prompt.
         model: Name of the model.
-        purpose: Purpose of the request ("scenario 3, try 2").
+        purpose: Purpose of the request, such as "scenario 3, try 2".
         messages: Messages of the conversation.
         answer: Text of the answer.
-        verdict: "accepted", or the problems that were sent back.
+        verdict: "accepted", or the problems that were sent back to the model.
         asked_at: Time of the request, in UTC.
         took_s: Time from request to answer [s].
     """
@@ -117,8 +117,9 @@ class KeptChat:
 
     Args:
         file: File of the exchanges. A request whose answer is in this file is not sent again.
-        chat: Model. If it is None, only stored exchanges are used.
-        kept: Exchanges of another run. Those that are used are copied into the file.
+        chat: Connection to the model. If it is None, only stored exchanges are used.
+        kept: Exchanges of another run, by the digest of their messages. Each exchange that is used is copied into the
+            file.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ class KeptChat:
         return self._chat.name if self._chat is not None else "replay"
 
     def ask(self, messages: Sequence[Message], purpose: str) -> str:
-        """Return the answer to a request. Call :meth:`judge` afterward.
+        """Return the model's answer to a request. Call :meth:`judge` afterward to store it.
 
         Raises:
             ModelError: If the model does not answer, or the stored exchanges contain no answer.

@@ -1,4 +1,4 @@
-"""Prompt that requests scenarios. Inputs and outputs are as in the paper (appendix B.1), the wording is our own.
+"""Prompt that requests scenarios. Its inputs and outputs are those of the paper (appendix B.1); its wording is our own.
 
 Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short and rejected
 scenarios are corrected in separate conversations.

@@ -1,7 +1,8 @@
 """Audit of a task of the BeTTER release.
 
-The audit finds violations of kinematic isolation, and mismatches between the instruction and the scene. All distances
-are measured between the poses in the release, before positions are transferred to our table.
+The audit finds violations of kinematic isolation (picks and placements of a test that do not occur in training) and
+mismatches between an instruction and its scene. All distances are measured between the poses in the release, before
+positions are transferred to our table.
 """
 
 from __future__ import annotations
@@ -144,7 +145,8 @@ def audit_release(
     Args:
         task: Task as written in its files.
         resolved: Variations of the task, including inherited values.
-        matches: Library asset that represents each object. Its size is used where the release does not state sizes.
+        matches: Library asset that represents each object. The size of the asset is used, since the release does not
+            state the sizes of objects.
         built: The same task converted to our task format.
     """
     auditor = _Auditor(task, resolved, matches, built)
@@ -152,7 +154,7 @@ def audit_release(
 
 
 class _Auditor:
-    """Collects the findings about a task."""
+    """Search for findings about a task, with one method per group of checks."""
 
     def __init__(
         self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match], built: Built
@@ -190,7 +192,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------- what is in the files
 
     def files(self, variation: Resolved) -> Iterator[Finding]:
-        """Check ids, groups, poses and assets."""
+        """Check that ids, groups, poses, candidate assets and goals are complete and consistent."""
         known = self.task.instances
         mentioned = {name: "a group" for group in GROUPS for name in variation.groups[group]}
         mentioned |= {p.subject_id: "a predicate" for p in (*variation.success, *variation.fail)}
@@ -262,7 +264,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the rules
 
     def rules(self, variation: Resolved) -> Iterator[Finding]:
-        """Check the fail predicates, and whether predicates already hold in the initial state."""
+        """Find missing fail predicates, and goals or fail predicates that already hold in the initial scene."""
         movable = [n for n in variation.active if n not in variation.goals and n != variation.container]
         derived = len(variation.groups["fail"]) * len(self.task.task.defaults.fail_policy.fail_on_relations)
         numbers = {"fail_predicates": len(variation.fail), "objects_without_rule": len(movable)}
@@ -288,7 +290,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the scene
 
     def scene(self, variation: Resolved) -> Iterator[Finding]:
-        """Check the objects in the scene and their positions."""
+        """Check whether each object belongs to a group, and whether objects overlap or lie outside the workspace."""
         left = left_behind(variation, self.training)
         for one in left:
             cm = 100.0 * one.distance_m
@@ -350,7 +352,10 @@ class _Auditor:
         yield from self._placements(variation)
 
     def _turned_deg(self, variation: Resolved, name: str) -> float:
-        """Return by which angle an object is turned from its most similar training pose [degrees]; 0 if it is round."""
+        """Return the smallest angle between the heading of an object and its headings in training [degrees].
+
+        The angle is 0 for a round object.
+        """
         match = self.matches.get(name)
         if match is not None and not match.is_stand_in and match.asset.shape in ("round", "cylinder"):
             return 0.0
@@ -439,7 +444,10 @@ class _Auditor:
             yield Finding(variation.name, "other_target", text, {}, tuple(sorted(targets)))
 
     def twins(self, variation: Resolved) -> Iterator[Finding]:
-        """Find earlier variations with the same scene and instruction, and training variations that are identical."""
+        """Find earlier variations with the same scene and the same instruction as a variation.
+
+        They are reported if their goals differ, or if a training variation is the same as a test variation.
+        """
         for other in self.resolved.values():
             if other.name == variation.name:
                 return
@@ -463,7 +471,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------------- our own form
 
     def form(self, variation: Resolved) -> Iterator[Finding]:
-        """List the parts of a variation that are missing in its representation in our task format."""
+        """List the parts of a variation that could not be converted to our task format."""
         shown = self.built.variations[variation.name]
         if shown.name is None and variation.enabled:
             yield Finding(variation.name, "not_represented", f"{'; '.join(shown.reasons)}.".capitalize())

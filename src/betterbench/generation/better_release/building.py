@@ -67,7 +67,7 @@ class Represented:
     Attributes:
         name: Name of the condition in our task ("train1", "O1"), or None if the variation is not represented.
         reasons: Reasons why the variation cannot be represented.
-        left_out: Objects that are in the scene of the release but not in our condition, with the reason.
+        left_out: Objects that are in the scene of the release but not in our condition, each with the reason.
         predicates: Predicates of the release that have no counterpart among our relations.
         base: Training condition from which a test variation is derived.
         operations: Operations on that training condition, described as text.
@@ -195,7 +195,10 @@ class _Maker:
         return tuple(name for name in names if name not in self.left_out[variation.name])
 
     def _preplaced(self, variation: Resolved) -> tuple[str, ...]:
-        """Return the objects that are already in the container at the start, judged from the sizes of our assets."""
+        """Return the objects that are already in the container at the start.
+
+        This is judged from the sizes of our assets.
+        """
         sizes = {name: match.asset.size_m for name, match in self.matches.items()}
         container = variation.container
         if container not in self.matches or "inside" not in _regions(self.matches[container]):
@@ -239,7 +242,10 @@ class _Maker:
     # ------------------------------------------------------------------------------------------------------- relations
 
     def _template(self) -> tuple[Template | None, Role]:
-        """Return the template for the first goal that has a counterpart among our relations, and its target's role."""
+        """Return a template, and the role of the goals' target in it.
+
+        The template is that of the first goal whose relation also exists in our task format.
+        """
         for variation in self.resolved.values():
             for predicate in variation.success:
                 found = self._relation(predicate)
@@ -249,9 +255,9 @@ class _Maker:
         return None, "container"
 
     def _relation(self, predicate: ReleasePredicate) -> tuple[str, str] | None:
-        """Return our relation that corresponds to a predicate, with the region.
+        """Return the relation in our task format that corresponds to a predicate, and the region of the target.
 
-        Return None if there is no counterpart.
+        Return None if our task format has no such relation.
         """
         if predicate.target_id not in self.matches:
             return None
@@ -267,7 +273,11 @@ class _Maker:
         return ("beside", side) if side and side in regions else None
 
     def _is_covered(self, predicate: ReleasePredicate, variation: Resolved) -> bool:
-        """Return whether a predicate is a goal, or a fail predicate that our exclusive goal implies."""
+        """Return whether our task format covers a predicate.
+
+        A goal is covered if our format has its relation. A fail predicate is covered if it forbids putting an
+        object into or onto the container, because our goals allow no other objects there.
+        """
         if predicate in variation.success:
             return self._relation(predicate) is not None
         return predicate.target_id == variation.container and predicate.relation in ("in", "on")
@@ -369,7 +379,7 @@ def _same(one: Condition, other: Condition) -> bool:
 
 
 def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate]:
-    """Order predicates so that an object is placed before the objects that are placed on it."""
+    """Order predicates so that a supporting object is placed before the objects that are placed on it."""
     waiting, found = list(predicates), []
     while waiting:
         subjects = {p.subject_id for p in waiting}
@@ -419,7 +429,7 @@ def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, S
 
 
 def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operation], None]) -> None:
-    """Replace each object whose slot is taken by a new object, and remove the other objects that are not wanted."""
+    """Replace each unwanted object by the new object that needs its slot, or remove it if no new object does."""
     gone = [spec for spec in base.objects if spec not in wanted.objects]
     gone += [s for s in base.objects if s in wanted.objects and s.name in base.preplaced and s.name in wanted.layout]
     new = {wanted.layout[s.name]: s for s in wanted.objects if s not in base.objects and s.name in wanted.layout}
@@ -431,7 +441,7 @@ def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operatio
 def _arrange(
     now: Callable[[], Condition], wanted: Condition, slots: Mapping[str, Slot], do: Callable[[Operation], None]
 ) -> None:
-    """Move objects to their wanted slots. If none of these slots is free, exchange two objects."""
+    """Move objects to the slots in which they are wanted. If none of these slots is free, exchange two objects."""
     while True:
         state = now()
         astray = [n for n, s in state.layout.items() if n in wanted.layout and wanted.layout[n] != s]
@@ -453,8 +463,8 @@ def _arrange(
 def axis_of(operations: Sequence[Operation]) -> Axis:
     """Return the axis of a variation, judged from its operations.
 
-    If the operations belong to several axes, the first axis of this list counts: object perturbation, temporal
-    extrapolation, layout shift, recomposition.
+    If the operations belong to several axes, the variation gets the first of these axes in the order object
+    perturbation, temporal extrapolation, layout shift, recomposition.
     """
     names = {operation.name for operation in operations}
     if names & {"replace", "add", "remove"}:
@@ -465,7 +475,7 @@ def axis_of(operations: Sequence[Operation]) -> Axis:
 
 
 def _title(operations: Sequence[Operation]) -> str:
-    """Describe operations in a short title. Many moves are summarized by their number."""
+    """Describe operations in a short title. If there are many moves, the title states only their number."""
     moves = [operation for operation in operations if operation.name in ("move", "swap")]
     others = [_said(operation) for operation in operations if operation not in moves]
     count = sum(1 if operation.name == "move" else 2 for operation in moves)

@@ -103,7 +103,7 @@ class ReleasePredicate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChannelChange:
-    """Changes to the success or fail predicates that follow from the groups.
+    """Changes to the success predicates, or to the fail predicates, that the release derives from the groups.
 
     Predicates can be replaced, appended and removed.
     """
@@ -253,7 +253,7 @@ class ReleaseTemplate:
     """Content of a file in the folder ``task_templates``.
 
     The published templates contain ``on`` without quotes, which YAML 1.1 parses as the boolean true. The audit reports
-    such relations.
+    relations that were parsed as booleans.
     """
 
     template_id: _Id

@@ -2,9 +2,9 @@
 
 Both world frames have the robot base at the origin, x away from the robot and y to the left, so positions are used
 unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary, until
-it is reachable, visible to the front camera, and free of overlaps between our assets in every scene. The order of two
-objects in a scene from left to right and from near to far is kept. The headings in the release are not used, because
-our assets have other axes. Instead, each slot has a heading at which the gripper can open.
+it is reachable, visible to the front camera, and free of overlaps between our assets in every scene. In each scene, the
+order of the objects from left to right and from near to far is kept. The headings in the release are not used, because
+the axes of our assets are oriented differently. Instead, each slot has a heading at which the gripper can open.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class _Cluster:
     users: list[tuple[str, str]] = field(default_factory=list)
 
     def take_in(self, variation: str, name: str, match: Match) -> None:
-        """Add an object of a variation to the cluster, and enlarge the room that the cluster needs."""
+        """Add an object of a variation to the cluster, and enlarge the room that the cluster's slot needs."""
         half_x, half_y = _half_extents(match, self.yaw)
         if not self.is_target:  # the heading is not known yet
             half_x = half_y = max(half_x, half_y)
@@ -88,8 +88,9 @@ class PlacedSlots:
         slots: Slots by name.
         of: Name of the slot for each pair of variation and object.
         moved_m: Distance of each slot from its position in the release [m].
-        crowded: Pairs of slots in the same scene that could not be separated, with the missing distance [m].
-        hidden: Pairs of variation and object where the target hides the object's center from the front camera.
+        crowded: Pairs of slots in the same scene that could not be moved far enough apart, with the missing distance
+            [m].
+        hidden: Pairs of variation and object for which the target hides the object's center from the front camera.
     """
 
     slots: Mapping[str, Slot]
@@ -158,7 +159,10 @@ def place_slots(
 def _same_slot(
     clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
-    """Return the nearest cluster close to a position that no other object of the variation uses, or None."""
+    """Return the existing cluster (slot) to which a position belongs, or None.
+
+    It is the nearest cluster within the merging distance that no other object of the same variation uses.
+    """
     near = [
         c
         for c in clusters
@@ -172,9 +176,9 @@ def _same_slot(
 def _open_yaw(
     name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> float:
-    """Return the heading at which a target hides the fewest goal objects [rad].
+    """Return the heading at which a target hides the fewest goal objects from the camera [rad].
 
-    Among equally good headings, the usual heading in the suite is preferred.
+    Among equally good headings, the one that is usual in the suite is preferred.
     """
     if name not in matches:
         return 0.0
@@ -281,13 +285,16 @@ def _free_yaw(
 
 
 def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
-    """Return the index pairs of slots that are used in the same scene."""
+    """Return the index pairs of the slots that occur together in a scene."""
     scenes = [{variation for variation, _ in c.users} for c in clusters]
     return [(i, j) for i in range(len(clusters)) for j in range(i + 1, len(clusters)) if scenes[i] & scenes[j]]
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return the clearance that is missing between two slots along x and y [m]; negative if there is enough."""
+    """Return how much clearance is missing between two slots along x and y [m].
+
+    Negative values mean that none is missing.
+    """
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
     return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])

@@ -57,7 +57,7 @@ class Match:
 
 @contextmanager
 def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
-    """Open a catalogue of the library. If the text encoder is not installed, the catalogue is searched by words only.
+    """Open a catalogue of the library's assets. If the text encoder is not installed, it can be searched only by words.
 
     Args:
         folder: Folder of an existing catalogue. If it is None, the built-in generators are indexed into a temporary
@@ -174,9 +174,9 @@ def _found(
 def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
-    """Return a factor in (0, 1] for the suitability of an asset.
+    """Return a factor in (0, 1] by which the search score of an asset is multiplied.
 
-    The factor is smaller if the noun or the color differs, or if the category is already in use.
+    It is below 1 if the noun or the color differs from that of the object, or if the category is already in use.
     """
     exact = _noun_of(hit.entry.category) in nouns
     category, own = hit.entry.category, hit.entry.color

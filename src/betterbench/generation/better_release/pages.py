@@ -51,7 +51,7 @@ def certified_text(summary: Summary | None) -> str:
 
 
 def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
-    """Return a remark with an example seed for each failed clause of a certificate."""
+    """Return a remark for each clause of a certificate that failed, with an example seed."""
     notes = () if summary is None else summary.notes
     firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
     return tuple(filter(None, firsts))
@@ -158,7 +158,10 @@ def _asset_text(match: Match) -> str:
 
 
 def _section(one: Imported, name: str) -> list[str]:
-    """Return the lines about a variation or the whole task: its findings, and the failed clauses of its certificate."""
+    """Return the lines about a variation or the complete task.
+
+    They list its findings, and the clauses of its certificate that failed.
+    """
     findings = one.audit.of(name)
     notes = certificate_notes(one.certified(name)) if name else ()
     if not findings and not notes:

@@ -51,7 +51,7 @@ class Resolved:
 
     @property
     def goals(self) -> tuple[str, ...]:
-        """Objects that a success predicate requires to be moved, sorted."""
+        """Objects that the success predicates require to be moved, sorted."""
         return tuple(sorted({p.subject_id for p in self.success}))
 
     def xy(self, name: str) -> tuple[float, float] | None:
@@ -116,7 +116,7 @@ class LeftBehind:
     """Object that a variation replaces by another object but does not remove.
 
     Attributes:
-        name: Replaced object, which is in no group any more.
+        name: Replaced object, which no longer belongs to a group.
         by: Replacement, which is not in the training variations.
         distance_m: Distance between the initial positions of the two objects [m].
     """

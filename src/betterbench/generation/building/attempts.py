@@ -1,7 +1,7 @@
 """Attempts to build a certified task from a scenario.
 
-A task that fails its certificate is changed and examined again: first without the failing variations, then with more
-demonstrations, then with other slots, then with other assets.
+A task that fails its certificate is changed and examined again: first without the variations that failed, then with
+more demonstrations, then with other slots, and finally with other assets.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """Change to a task that is tried after a failure.
+    """Change to a task that is tried after an attempt has failed.
 
     Attributes:
         words: Description of the change.
         slots: Seed from which the slots are drawn.
-        assets: Index of the attempt at choosing assets; each attempt chooses other assets.
-        demonstrations: Factor for the number of demonstrations.
+        assets: Number of earlier choices of assets; each choice consists of other assets.
+        demonstrations: Factor by which the number of demonstrations is multiplied.
     """
 
     words: str
@@ -65,13 +65,13 @@ class Built:
     """Result of all attempts to build a task from a scenario.
 
     Attributes:
-        scenario: The scenario.
+        scenario: Scenario from which the task was to be built.
         task_id: Identifier of the task.
         made: Task of the successful attempt; None if every attempt failed.
         proof: Demonstrations and certificates of the task; None if every attempt failed.
         choices: Assets chosen for the descriptions.
         attempts: All attempts. The last one succeeded if ``made`` is not None.
-        left_out: Variations that failed their certificate and were left out.
+        left_out: Variations that were left out because they failed their certificate.
     """
 
     scenario: Scenario
@@ -92,8 +92,8 @@ def build_task(
 ) -> Built:
     """Build a certified task from a scenario, or return the reason why every attempt failed.
 
-    A scenario is rejected without an attempt if its groups differ from the template, or if its instruction states
-    another goal than the template.
+    A scenario is rejected without an attempt if its groups differ from those of the template, or if its instruction
+    states a goal that the template does not have.
     """
     problem = _problem_of(scenario)
     if problem:
@@ -152,7 +152,7 @@ def build_task(
 
 
 def _problem_of(scenario: Scenario) -> str:
-    """Return the reason why no attempt can make a task from a scenario; empty if there is none."""
+    """Return the reason why a scenario cannot become a task in any attempt; empty if an attempt is worthwhile."""
     try:
         require_groups(scenario)
     except BetterError as error:

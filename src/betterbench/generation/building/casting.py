@@ -1,4 +1,4 @@
-"""Casting: the choice of assets for the descriptions of a scenario, and of objects that look like its items.
+"""Casting: the choice of assets for the descriptions of a scenario, and of distractors that look like its items.
 
 Assets are found by searching the catalogue. An asset must meet the requirements of its group: a container needs the
 region for the template's relation, and an item needs a grasp that fits the gripper.
@@ -80,7 +80,7 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     """Choose an asset for each description of a scenario, in the order of the template's groups.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario with the descriptions.
         catalogue: Catalogue of generators and imported assets.
         attempt: Index of the attempt. Among assets that are almost equally good, each attempt uses another asset.
 
@@ -112,7 +112,10 @@ def fitting(
     catalogue: Catalogue,
     taken: set[tuple[str, str]],
 ) -> tuple[list[Hit], list[str]]:
-    """Return the suitable search results for a description, best first, and why better results were rejected."""
+    """Return the search results for a description that are suitable for its group, best first.
+
+    Also return the better results that were rejected, with the reasons.
+    """
     wanted = _colors_in(described)
     query = f"{described.asset_query} {' '.join(wanted)}".strip()
     found = catalogue.search(query, limit=_SEARCHED, filters=_BUILDABLE)
@@ -132,7 +135,10 @@ def fitting(
 
 
 def name_problem(query: str, entry: CatalogueEntry) -> str:
-    """Return a message if a noun of a query matches neither the names nor the text of an asset; else an empty text."""
+    """Return a message if a noun of a query matches neither the names nor the text of an asset.
+
+    Otherwise, return an empty text.
+    """
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
         return "it is one object, but the query asks for several"
@@ -151,7 +157,10 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
-    """Return the tags in the library that name a material, a place or a use ("glass" of a jar), as terms."""
+    """Return the tags of library assets that name a material, a place or a use, such as "glass" for a jar.
+
+    Each tag is a tuple of normalized words.
+    """
     return frozenset(tuple(terms(tag)) for category in categories() for tag in build_unpainted(category).traits)
 
 
@@ -160,12 +169,18 @@ def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
 
 
 def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
-    """Return the tags of an asset as terms, without those that only name a material, a place or a use."""
+    """Return the tags of an asset that name the object itself, each as a tuple of normalized words.
+
+    Tags that only name a material, a place or a use are left out.
+    """
     return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - _traits())
 
 
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
-    """Return whether a word or a synonym of it is the last word of an asset's name, or one of the tags that name it."""
+    """Return whether a word or one of its synonyms names an asset.
+
+    It must be the last word of the asset's name, or a tag that names the object and not its material, place or use.
+    """
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
         return word in names
@@ -180,7 +195,10 @@ def _colors_in(described: DescribedObject) -> tuple[str, ...]:
 
 
 def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
-    """Return a message if an asset is less than half or more than twice as large as estimated; else an empty text."""
+    """Return a message if an asset is less than half or more than twice as large as the description estimates.
+
+    Otherwise, return an empty text.
+    """
     size, (low, high) = entry.largest_m, described.size_m
     if size is None or 0.5 * low <= size <= 2.0 * high:
         return ""
@@ -188,13 +206,13 @@ def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
 
 
 def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt: int = 0) -> tuple[Cast, list[Choice]]:
-    """Choose an asset for each description of a scenario. Return the resulting cast and the list of choices.
+    """Choose an asset for each description of a scenario. Return the scenario with its assets, and the list of choices.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario with the descriptions.
         catalogue: Catalogue of generators and imported assets.
-        seed: Seed for the choices of the pattern.
-        attempt: Index of the attempt at choosing assets; see :func:`choices`.
+        seed: Seed of the choices that are made when a task is derived from the scenario.
+        attempt: Index of the attempt, as in :func:`choices`.
 
     Raises:
         InvalidInputError: If a description has no suitable asset.

@@ -15,7 +15,7 @@ class Choice:
 
     Attributes:
         group: Object group to which the description belongs.
-        described: The description.
+        described: Description of the object.
         entry: Row of the catalogue with the chosen asset.
         score: Search score in (0, 1].
         passed_over: Better search results that are not suitable for the group, with the reason.

@@ -31,7 +31,7 @@ class ImportedMeshes:
 
     Attributes:
         names: Categories of the imported assets.
-        refused: Catalogue rows that match a description but cannot be used, with the reason.
+        refused: Catalogue rows that match a description but cannot be used, each with the reason.
     """
 
     names: tuple[str, ...] = ()
@@ -41,8 +41,8 @@ class ImportedMeshes:
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
     """Import, certify and load meshes for descriptions that match no library object.
 
-    Meshes are found by the words of a description. They must have a free license, pass ``better assets check``, and
-    contain these words in their name. Repeated calls keep the imported assets.
+    Meshes are found by the words of a description. They must have these words in their name and a free license, and
+    pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
 
     Args:
         scenarios: Scenarios of the build.

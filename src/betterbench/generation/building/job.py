@@ -84,10 +84,10 @@ def build_suite(
         scenarios: Scenarios to build.
         out: Folder of the job.
         name: Name of the suite, without its digest.
-        settings: Numbers of certified seeds and of demonstrations.
+        settings: Number of seeds to certify, and number of demonstrations.
         workers: Number of worker processes.
         meshes: Catalogue written by ``better assets index``, searched for objects that the library lacks.
-        on_import: Called with the assets that were imported from this catalogue.
+        on_import: Called with the assets that were imported from the catalogue ``meshes``.
         on_progress: Called at the start and after every scenario.
 
     Raises:

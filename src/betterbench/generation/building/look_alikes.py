@@ -23,7 +23,10 @@ _ALIKE_SIZE = 0.5
 def look_alikes_in(
     cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
 ) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
-    """For each item, yield its name and distractors of other kinds with its color or shape, most similar first."""
+    """For each item, yield its name and a list of distractors that have its color or shape.
+
+    The distractors are of other kinds than the item, and the most similar one comes first.
+    """
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})
     called = {word for spec in present for word in names_of(spec.kind, rows.get(spec.name))}
@@ -46,7 +49,10 @@ def _distractor(entry: CatalogueEntry) -> ObjectSpec:
 
 
 def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
-    """Return the catalogue rows whose assets fit into the gripper, by category, without the present categories."""
+    """Return the catalogue rows whose assets fit into the gripper, by category.
+
+    Categories that are already present in the scenario are left out.
+    """
     found: dict[str, list[CatalogueEntry]] = {}
     for entry in catalogue.entries(NAME):
         if entry.category not in present:
@@ -57,9 +63,9 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the highest similarity between an item and some catalogue rows (0 to 3), and the row that has it.
+    """Return how similar an item and the most similar of some catalogue rows are (0 to 3), and this row.
 
-    The similarity is 0 if neither color nor shape is the same.
+    The similarity is 0 if neither the color nor the shape is the same.
     """
     own = build_unpainted(item.category, color=item.color)
     best = (0.0, entries[0])

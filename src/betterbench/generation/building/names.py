@@ -1,4 +1,4 @@
-"""Names of objects in instructions: nouns, preceded by a color where nouns are ambiguous."""
+"""Names of objects in instructions: nouns, preceded by a color if the noun alone is ambiguous."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 
 
 def _noun(choice: Choice) -> str:
-    """Return the noun of an object: the words of its query without colors, or the asset's noun if they do not fit.
+    """Return the noun of an object: the words of its query without colors.
 
-    If the instance name contains only some words of the query, these words are used: "pepper jar" for the query "pepper
-    spice jar".
+    If these words do not fit the asset, return the asset's own noun. If the instance name contains only some words of
+    the query, return these words: "pepper jar" for the query "pepper spice jar".
     """
     entry, described = choice.entry, choice.described
     asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
@@ -85,13 +85,19 @@ def _noun(choice: Choice) -> str:
 
 
 def noun_of(entry: CatalogueEntry) -> str:
-    """Return the noun of an asset in instructions: the tag with the same words as its name, or else its first tag."""
+    """Return the noun by which instructions refer to an asset.
+
+    This is the tag that consists of the same words as the name of the asset. If there is none, it is the first tag.
+    """
     named = set(terms(entry.name))
     return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return possible nouns of an object as terms without colors: its kind and the first tags of its asset."""
+    """Return possible nouns of an object: its kind and the first tags of its asset.
+
+    Each noun is a tuple of normalized words without colors.
+    """
     nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
     found = (tuple(terms(noun)) for noun in nouns)
     return {tuple(word for word in words if word not in COLORS) or words for words in found}

@@ -33,9 +33,9 @@ class Failure:
     Attributes:
         condition: Name of the condition.
         seeds: Seeds of the failed trials.
-        clause: Letter of the first failed clause.
+        clause: Letter of the first clause that failed.
         meaning: Requirement of that clause.
-        text: Result of that clause for the first failed seed.
+        text: Measured result of that clause for the first failed seed.
     """
 
     condition: str
@@ -50,7 +50,7 @@ class Attempt:
     """Attempt to build a certified task from a scenario.
 
     Attributes:
-        change: Change compared with the plain scenario ("other slots").
+        change: Difference from the first attempt ("other slots").
         reason: Reason why the attempt failed; empty if it succeeded.
         failures: Conditions that failed a clause of the certificate.
     """
@@ -85,7 +85,7 @@ class ChosenAsset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class UnbuiltVariation:
-    """Variation that the pattern of the template could not derive, with the reason."""
+    """Variation of a template that could not be derived for a task, with the reason."""
 
     axis: str
     title: str
@@ -103,10 +103,10 @@ class Result:
         template: Name of the template.
         title: Name of the scenario.
         attempts: All attempts, with the reasons of failures.
-        left_out: Variations that failed their certificate and were left out.
-        unbuilt: Variations that the pattern of the template could not derive.
+        left_out: Variations that were left out because they failed their certificate.
+        unbuilt: Variations of the template that could not be derived for the task.
         confounds: Regularities of the training conditions, stated in sentences.
-        chosen: Assets, with their search scores.
+        chosen: Chosen assets, with their search scores.
         task: Task in JSON form; None if no attempt succeeded.
         demonstrated: Measurements of the task's demonstrations.
         trials: Certificates of the task's trials.

@@ -1,4 +1,4 @@
-"""Check whether the front camera shows the objects of a task's scenes within the framing limits of the suite."""
+"""Check that the front camera shows the objects of a task's scenes within the framing limits of the suite."""
 
 from __future__ import annotations
 

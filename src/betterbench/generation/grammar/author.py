@@ -31,7 +31,7 @@ class Wanted:
 
     Attributes:
         group_id: Object group of the template to which it belongs.
-        kinds: Kinds of library objects to which the noun may refer.
+        kinds: Kinds (category and color) of library objects to which the noun may refer.
         noun: Noun used by the user, with its color.
     """
 
@@ -52,13 +52,13 @@ def grammar_of(template: str) -> Grammar:
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return the key of a choice of objects. Choices with the same categories and colors in each group share it."""
+    """Return the key that two choices of objects share if they have the same categories and colors in each group."""
     return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
 
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return the number of scenarios in a template's grammar, not counting near-duplicates."""
+    """Return how many scenarios the grammar of a template can give, where near-duplicates count only once."""
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -101,7 +101,10 @@ def write_scenarios(
 def _drawn(
     themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
 ) -> Iterator[tuple[Theme, Choice]]:
-    """Yield different choices of objects, each from the next theme in turn, until no choice is left."""
+    """Yield different choices of objects until none is left.
+
+    The themes take turns, each contributing one choice at a time.
+    """
     left = [_shuffled([c for c in theme.choices() if not wanted or _has(c, wanted)], rng) for theme in themes]
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
@@ -132,7 +135,10 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 
 
 def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
-    """Return whether a choice contains the wanted objects, each of them as a separate object."""
+    """Return whether a choice contains all wanted objects.
+
+    Each wanted object needs an object of its own in the choice.
+    """
     free = {group: list(kinds) for group, kinds in choice.items()}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
         found = next((kind for kind in free.get(want.group_id, []) if kind in want.kinds), None)
@@ -143,7 +149,7 @@ def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
 
 
 def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...]:
-    """Return the themes that contain the wanted objects. If there are none, return a new theme with these objects."""
+    """Return the themes that contain all wanted objects. If there are none, return a new theme with these objects."""
     if not wanted:
         return grammar.themes
     fitting = tuple(
@@ -155,7 +161,7 @@ def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...
 
 
 def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
-    """Return a new theme with the wanted objects. Groups that need more objects are filled with others.
+    """Return a new theme with the wanted objects. If a group needs more objects, other objects are added.
 
     Raises:
         InvalidInputError: If a group has too many wanted objects.
@@ -188,13 +194,16 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
 
 
 def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
-    """Return the themes that contain the wanted container, fixture, base or anchor."""
+    """Return the themes that contain the container, fixture, base or anchor that the user named."""
     receivers = [want for want in wanted if want.group_id not in ("items", "layers")]
     return [theme for theme in grammar.themes if all(_may_have(theme, want) for want in receivers)]
 
 
 def _may_have(theme: Theme, want: Wanted) -> bool:
-    """Return whether a pool of a theme contains a wanted object, without enumerating thousands of choices."""
+    """Return whether a theme may contain a wanted object, judged from its pools.
+
+    Enumerating the thousands of choices would take too long.
+    """
     group = theme.groups.get(want.group_id)
     return group is not None and any(
         kind in want.kinds for pool in group.pools for category in pool.categories for kind in pool.kinds(category)
@@ -204,7 +213,10 @@ def _may_have(theme: Theme, want: Wanted) -> bool:
 def _others(
     themes: Sequence[Theme], every: Sequence[str], group_id: str, named: set[str], least: int
 ) -> tuple[str, ...]:
-    """Return the categories that occur in a theme with the named ones. If these are too few, return all categories."""
+    """Return the categories that share a theme with at least one of the named categories.
+
+    If there are too few of them, return all categories except the named ones.
+    """
     found: dict[str, None] = {}
     for theme in themes:
         there = [category for pool in theme.groups[group_id].pools for category in pool.categories]
@@ -262,7 +274,7 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
 def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
     """Return the nouns of the objects in a template's grammar, by group.
 
-    A model with a closed vocabulary uses only these.
+    A model with a closed vocabulary may use only these nouns.
     """
     grammar = grammar_of(template)
     found: dict[str, tuple[str, ...]] = {}

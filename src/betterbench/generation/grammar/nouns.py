@@ -138,7 +138,7 @@ def capitalized(text: str) -> str:
 def measured(category: str) -> Measures:
     """Return the ranges of mass and size of a category.
 
-    They are read from ``measures.json``. The categories of a user are not in that file, so they are measured.
+    They are read from ``measures.json``. A category that a user has added is not in this file, so it is measured.
     """
     return _stored().get(category) or measure(category)
 
@@ -149,7 +149,7 @@ Measures = tuple[tuple[float, float], tuple[float, float]]
 
 @functools.cache
 def measure(category: str) -> Measures:
-    """Measure the ranges of mass and largest dimension over all variants (looks) of a category.
+    """Measure the ranges of mass and of the largest dimension over all variants (looks) of a category.
 
     The ranges are rounded outward to 1 g and 1 mm. Measuring all categories takes a minute, so
     ``tools/grammar_measures.py`` stores the ranges.

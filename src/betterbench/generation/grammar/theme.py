@@ -18,7 +18,7 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Set of library objects from which some are drawn for a scenario.
+    """Set of library objects, some of which are drawn for a scenario.
 
     Attributes:
         categories: Asset categories of the library.
@@ -60,7 +60,7 @@ class Group:
         pools: Pools from which the objects are drawn.
         colors_differ: Whether all objects must have different colors. Otherwise, it is enough that no two are
             identical.
-        follows: Group whose color the objects share, such as the cabinet for its drawers.
+        follows: Group whose color the objects must have. Drawers, for example, have the color of the cabinet.
     """
 
     pools: tuple[Pool, ...]
@@ -114,8 +114,8 @@ class Grammar:
     Attributes:
         template: The template.
         themes: Themes of the template.
-        requested: Name of scenarios with objects that the user named and that fit no theme.
-        general: Instruction for such scenarios.
+        requested: Name of scenarios with objects that the user named but that no theme contains.
+        general: Instruction of these scenarios.
         most_items: Maximum number of items that the pattern of the template supports.
     """
 
