@@ -49,13 +49,13 @@ Found = tuple[str, str, str]
 
 
 def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
-    """Yield the problems of an instruction, each as path, problem and remedy.
+    """Yield the problems of an instruction, each with the path of the field and a remedy.
 
     The rules for nouns are conservative. A known noun, and the last word of a phrase with an article, must occur in the
     description, query, name or tags of an object. The instruction may also name places ("the desk"), occasions ("the
     picnic") and general nouns ("the supplies"). Words of the context and of the scenario's name are allowed too, and so
-    is the result of an assembly ("a sandwich"). If a known noun follows a color, an object with this noun must have the
-    color. Collective nouns such as "fruit" and "toys" require at least one object of that kind.
+    is the result of an assembly ("a sandwich"). If a known noun follows a color, there must be an object with this noun
+    and this color. Collective nouns such as "fruit" and "toys" require at least one object of that kind.
     """
     for problem, cure in (
         *_sentence_problems(scenario.instruction, read_text(scenario)),
@@ -67,9 +67,10 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 
 
 def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
-    """Yield the problems of a sentence's form, each with its remedy.
+    """Yield the problems in the form of a sentence, each with its remedy.
 
-    ``read`` is the sentence without clauses about the direction of cutlery, which do not count toward its length.
+    ``read`` is the sentence without the clauses about the direction of cutlery, since these do not count toward its
+    length.
     """
     words = re.findall(r"[\w'-]+", read)
     if not text.endswith(".") or text.count(".") > 1:
@@ -103,7 +104,10 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
 
 
 def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
-    """Return whether a text names each of the objects, by a word that only fits this object or by noun and color."""
+    """Return whether a text names each of the objects.
+
+    An object is named by a word that fits no other object, or by its noun together with its color.
+    """
     words = set(terms(text))
     heads = [_head(o) for o in objects]
     shared = {word for head in heads for word in head if sum(word in other for other in heads) > 1}

@@ -17,12 +17,12 @@ FREE_M = 0.002
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Slots on the table for the tasks of a template.
+    """Slots on the table that the tasks of a template use.
 
     All slots are reachable, and visible with the margins of docs/framing.md.
 
     Attributes:
-        starts: Slots from which objects are picked, layout by layout if there are several.
+        starts: Slots from which objects are picked. If there are several layouts, their slots follow each other.
         stands: Slots for the target.
         besides: Slots for objects that are not moved.
     """
@@ -53,7 +53,7 @@ def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
 
 
 def _gap_m(a: ObjectSpec, at: Slot, b: ObjectSpec, there: Slot) -> float:
-    """Return the smallest distance between two objects for any jitter of their slots [m].
+    """Return the smallest distance that two objects may have when their slots are jittered [m].
 
     The distance is negative if the objects may overlap.
     """
@@ -84,10 +84,10 @@ def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
 
 
 def _half_sizes(spec: ObjectSpec, slot: Slot) -> tuple[tuple[float, float], float]:
-    """Return the half sides of the rectangle that represents an object in a slot, and the radius around it [m].
+    """Return the half sides of the rectangle that represents an object in a slot, and a radius around it [m].
 
-    The rectangle contains the object for any yaw jitter of the slot. A circle is a point with a radius, and a rectangle
-    has a radius of 0.
+    The rectangle contains the object for any yaw jitter of the slot, and its radius is 0. An object that is represented
+    by a circle has sides of length 0 and the radius of the circle.
     """
     size = footprint(spec.category)
     if not _is_rectangle(spec):

@@ -1,4 +1,4 @@
-"""Measurements of objects over all variants of their category, and checks for gripper and camera.
+"""Measurements of objects over all variants of their category, and checks that gripper and camera can handle them.
 
 The variant (look) of an object is drawn by seed, so each measurement covers all variants of a category, including
 held-out variants.
@@ -52,11 +52,13 @@ class Footprint:
         x_m: Smallest and largest x of a visible point, in the frame of the object [m].
         y_m: Smallest and largest y of a visible point, in the frame of the object [m].
         height_m: Largest height [m].
-        seen_m: Smallest apparent size from 45 degrees above [m]. The apparent size of a variant is the longer
-            horizontal side, or the foreshortened height and shorter side if they are larger.
-        layer_m: Smallest and largest height of the surface that carries the next object [m].
-        grip_m: Width of the narrowest grasp [m], maximum over the variants; None if a variant has no grasp.
-        low_m: Height of the highest grasp [m], minimum over the variants; 0 if a variant has no grasp.
+        seen_m: Smallest apparent size from 45 degrees above [m]. The apparent size of a variant is the larger of two
+            lengths: its longer horizontal side, and the extent of its shorter side and height as seen from above at
+            this angle.
+        layer_m: Smallest and largest height of the surface on which the next object of a stack stands [m].
+        grip_m: Width of the narrowest grasp of a variant, maximum over all variants [m]; None if a variant has no
+            grasp.
+        low_m: Height of the highest grasp of a variant, minimum over all variants [m]; 0 if a variant has no grasp.
         longish: Whether a variant is more than 1.5 times as long as it is wide.
         inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a
             variant has no such region.
@@ -142,7 +144,7 @@ def _all_looks(category: str) -> tuple[Asset, ...]:
 
 
 def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
-    """Create the InvalidInputError for an object that a pattern cannot use."""
+    """Create the InvalidInputError that says why an object cannot be used in a task."""
     return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
 
 
@@ -197,7 +199,7 @@ def require_usable(objects: Iterable[ObjectSpec]) -> None:
 
 
 def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
-    """Check that no variant of an object is too long for a place.
+    """Check that no variant of an object is too long for the place where it is put.
 
     Raises:
         InvalidInputError: If a variant is longer than ``most_m``.
@@ -255,7 +257,7 @@ def _stands_upright(part: CollisionPart) -> bool:
 
 
 def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
-    """Check that the open fingers do not touch a support, such as the rim of a plate, when an object is put on it.
+    """Check that the open fingers do not touch a support (such as the rim of a plate) when an object is put on it.
 
     The object is placed at the center of the region "top". The fingers may have any orientation, so only the distance
     from the center matters.
@@ -285,7 +287,7 @@ def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
 
 
 def _surface(part: CollisionPart) -> Iterator[tuple[float, float, float]]:
-    """Yield points of the upper and lower face of a box or a cylinder, and the corners of other shapes [m]."""
+    """Yield points on the upper and lower faces of a box or a cylinder, and the corners of any other shape [m]."""
     steps = [i / 20.0 for i in range(-20, 21)]
     if part.shape == "box":
         x, y, z = part.size[:3]

@@ -37,9 +37,9 @@ _PUNCTUATION = frozenset(" ,.'-()%:")
 
 
 def plain_text(text: str) -> str:
-    """Return a text that contains only Latin letters, digits and plain punctuation.
+    """Check that a text contains only Latin letters, digits and plain punctuation, and return it.
 
-    Raise ValueError for other texts.
+    Raise ValueError for any other text.
     """
     for letter in text:
         latin = letter.isalpha() and letter <= "\u024f"

@@ -1,7 +1,7 @@
 """Plausibility checks of a scenario for its template.
 
-Each problem is a sentence with the path of the field, which can be sent back to the model that wrote the scenario. The
-checks are:
+Each problem is a sentence that begins with the path of the field. It can be sent back to the model that wrote the
+scenario. The scenario has to meet these requirements:
 
 - the groups are those of the template, have allowed numbers of objects, and instance names are unique;
 - each object belongs to an allowed type of its group, and the items of a group belong together;
@@ -60,7 +60,7 @@ def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
 def sense_problems(
     scenario: Scenario, *, where: str = "scenario", mixed: bool = False
 ) -> tuple[InvalidInputError, ...]:
-    """Return the problems of a scenario, or an empty tuple if it makes sense.
+    """Return the problems of a scenario, or an empty tuple if it is plausible.
 
     Args:
         scenario: The scenario.
@@ -205,5 +205,8 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
 
 @functools.cache
 def gripper_opening_m() -> float:
-    """Return the maximum opening of the gripper of the usual robot, for which generated tasks are designed [m]."""
+    """Return the maximum opening of the gripper [m].
+
+    It is that of the default robot, for which generated tasks are designed.
+    """
     return robot(USUAL_ROBOT).gripper_opening_m

@@ -1,4 +1,4 @@
-"""Words of instructions: tokens, colors, numbers, the main nouns of phrases, and words that may name an object."""
+"""Words of instructions: tokens, colors, numbers, head nouns of phrases, and words that may name an object."""
 
 from __future__ import annotations
 
@@ -73,7 +73,10 @@ def number_before(raw: list[str], at: int) -> str:
 
 
 def words_of_object(described: DescribedObject) -> frozenset[str]:
-    """Return the words that may name an object, from its query, name, tags, and its description up to "with"."""
+    """Return the words that may name an object.
+
+    They come from its query, name and tags, and from its description up to the word "with".
+    """
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")
     return frozenset(terms(" ".join((described.asset_query, name, appearance, *described.tags))))

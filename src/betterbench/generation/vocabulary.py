@@ -1,8 +1,8 @@
 """Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
-It is used to check whether an object of a model's scenario belongs to its group, and whether the instruction names a
-missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in a group if one of
-its tags names an allowed type.
+It is used to check scenarios that a model wrote: whether each object belongs to its group, and whether the instruction
+names a missing object. The vocabulary is deliberately small. If the noun of an object is unknown, the object is
+accepted in a group if one of its tags names an allowed type.
 """
 
 from __future__ import annotations
@@ -135,7 +135,10 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns of a type as terms, including the name of the type. An unknown type has only its own name."""
+    """Return the nouns of a type as tuples of words, including the name of the type.
+
+    An unknown type has only its name.
+    """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
 
@@ -147,12 +150,15 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective noun includes, or an empty set for any other noun."""
+    """Return the nouns that a collective noun includes, such as "apple" for "fruit"; empty for any other noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """Return the known nouns among some terms, each with the index of its first word. The longest match is used."""
+    """Return the known nouns in a list of words, each with the index of its first word.
+
+    Longer matches are preferred.
+    """
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
     while at < len(words):
@@ -191,7 +197,8 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    If the description contains a known noun, the noun decides. Otherwise, a tag must name an allowed type.
+    The object is judged from a known noun in its description. If there is none, one of its tags must name an allowed
+    type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))

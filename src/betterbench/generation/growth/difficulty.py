@@ -33,7 +33,7 @@ def median_s(trials: Iterable[TrialCertificate]) -> float:
 
 
 def difficulty_of(trials: Iterable[TrialCertificate]) -> Difficulty:
-    """Return the level of difficulty of a task, judged from its certified trials."""
+    """Return the level of difficulty of a task, based on the expert's times in the certified trials."""
     seconds = median_s(trials)
     if seconds < EASY_BELOW_S:
         return Difficulty.EASY

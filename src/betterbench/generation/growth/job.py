@@ -61,8 +61,8 @@ class GrowSettings:
     Attributes:
         until: Number of certified tasks at which the growth stops.
         author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
-        build: Numbers of certified seeds and of demonstrations.
-        quotas: Quotas that the suite must fulfill.
+        build: Number of seeds to certify, and number of demonstrations.
+        quotas: Minimum and maximum amounts that the suite must have.
         distinct: Minimum difference between two tasks that are not near-duplicates.
         unlike: Suites whose near-duplicates are left out: "better60", or folders.
         max_attempts: Maximum number of scenarios that are built. If it is None, three are built per requested task.
@@ -89,7 +89,10 @@ class GrowSettings:
         return ATTEMPTS_PER_TASK * self.until if self.max_attempts is None else self.max_attempts
 
     def to_json(self) -> dict[str, object]:
-        """Return the settings that determine the draws, without those that a later command may increase."""
+        """Return the settings that determine which scenarios are drawn.
+
+        Settings that a later command may increase, such as the number of tasks, are not included.
+        """
         author = self.author
         form: dict[str, object] = {
             "schema_version": 1,
@@ -114,7 +117,7 @@ class GrowProgress:
         accepted: Number of certified tasks, including those of the current round.
         refused: Number of scenarios that could not be certified.
         left_out: Number of proposed scenarios that were not built.
-        last: Last result; None while scenarios are drawn.
+        last: Result of the last scenario that was built; None while scenarios are drawn.
         proposed: Number of the last proposal.
     """
 
@@ -133,8 +136,8 @@ class PreparedGrowth:
     """Settings for growing a suite that have been checked.
 
     Attributes:
-        settings: The settings.
-        known: Names of the tasks in other suites, by the key that their near-duplicates share.
+        settings: Settings that were checked.
+        known: Names of the tasks in other suites, by the key that near-duplicates of the task share.
         offline: Author that uses the grammar; None if a model is used.
     """
 
@@ -198,13 +201,13 @@ def grow_suite(
     """Fill a suite with certified tasks. The same call resumes and produces the same files.
 
     Args:
-        prepared: Checked settings. Each call needs a new object.
+        prepared: Checked settings. They cannot be reused for another call.
         out: Folder of the job, open for writing (:class:`~betterbench.jobs.outputs.OutputFolder`).
         workers: Number of worker processes.
         chat: Model to ask instead of the model in the settings.
         overwrite: Whether a folder with other settings may be used.
         on_progress: Called after every proposal and every result.
-        on_round: Called after every round with the outcome so far, without a suite.
+        on_round: Called after every round with the outcome so far, which does not contain a suite yet.
 
     Raises:
         InvalidInputError: If the file to replay contains no exchange, or a stored result is damaged.
@@ -241,7 +244,7 @@ def grow_suite(
 
 
 class _Growing:
-    """State of the job: the proposals, the certified tasks and the refused scenarios so far, in order."""
+    """State of the job: the proposals, the certified tasks and the rejected scenarios so far, in order."""
 
     def __init__(
         self,
@@ -290,7 +293,10 @@ class _Growing:
         return "reached"
 
     def _drawn(self, size: int) -> list[Proposal]:
-        """Return the scenarios of the next round. Stored proposals are used first; then new ones are requested."""
+        """Return the scenarios of the next round.
+
+        Stored proposals are used first; after that, new ones are requested.
+        """
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1
         while self._waiting and self._waiting[0].round == self._round and len(drawn) < size:

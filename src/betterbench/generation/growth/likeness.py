@@ -32,7 +32,7 @@ def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct
     Args:
         template: Name of the template.
         kinds: Role, category and color of each object that is moved or receives other objects.
-        distinct: Whether only categories or also colors are part of the key.
+        distinct: Whether the key contains only categories (categories) or also colors (colors).
     """
     found: dict[bool, set[str]] = {False: set(), True: set()}
     for role, (category, color) in kinds:
@@ -44,13 +44,13 @@ def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct
 
 
 def key_of_choice(template: str, choice: Mapping[str, Iterable[Kind]], distinct: Distinct = "categories") -> str:
-    """Return the key that near-duplicates share, for objects that the grammar chose by ``group_id``."""
+    """Return the key that near-duplicate tasks share, given the objects that the grammar chose for each group."""
     roles = _roles(template)
     return key_of(template, ((roles[group], kind) for group, kinds in choice.items() for kind in kinds), distinct)
 
 
 def key_of_scenario(scenario: Scenario, catalogue: Catalogue, distinct: Distinct = "categories") -> str:
-    """Return the key that near-duplicates of a scenario share, using the assets that a search finds for it.
+    """Return the key that near-duplicates of a scenario share. It is computed from the assets that a search finds.
 
     Raises:
         InvalidInputError: If a description has no suitable asset.

@@ -33,11 +33,11 @@ class Proposal:
 
     Attributes:
         number: Number of the proposal, counted from 1.
-        round: Number of the round in which it was proposed, counted from 1.
+        round: Number of the round in which the scenario was proposed, counted from 1.
         template: Requested template.
         context: Requested context; empty if any context was allowed.
-        outcome: Outcome of the proposal.
-        key: Key that near-duplicates share; empty if it is unknown.
+        outcome: Whether the scenario is built, or the kind of reason why it is not.
+        key: Key that near-duplicates of the scenario share; empty if it is unknown.
         task_id: Identifier of the task if the scenario is built.
         scenario: Scenario in its stored form; None if the author wrote none.
         problem: Reason why the scenario is not built: the earlier task with the same goal, or the first problem in the

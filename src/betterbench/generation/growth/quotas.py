@@ -37,7 +37,7 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """Minimum and maximum amount of a property's value in a suite, such as at least 20 % tasks of one template.
+    """Minimum and maximum amount of a value in a suite, such as at least 20 % of the tasks for one template.
 
     Attributes:
         kind: Property, such as "template".
@@ -65,11 +65,11 @@ class Quota:
         return f"{self.name}:{'-'.join(f'{amount:g}{unit}' for amount in amounts)}"
 
     def least_of(self, total: int) -> int:
-        """Return the minimum count that the quota requires among a total."""
+        """Return the minimum number of tasks or variations that the quota requires, given their total number."""
         return math.ceil(self.least * total / 100.0 - 1e-9) if self.in_percent else int(self.least)
 
     def most_of(self, total: int) -> int:
-        """Return the maximum count that the quota allows among a total."""
+        """Return the maximum number of tasks or variations that the quota allows, given their total number."""
         if self.most is None:
             return total
         return math.floor(self.most * total / 100.0 + 1e-9) if self.in_percent else int(self.most)
@@ -121,7 +121,7 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
 
 
 def _known(kind: Kind, value: str, place: str) -> str:
-    """Return the complete name of a quota's value. Raise UnknownNameError if the value does not exist."""
+    """Return the full name of the value in a quota. Raise UnknownNameError if the value does not exist."""
     if kind == "context":
         _require_context(value, place)
         return value
@@ -184,7 +184,7 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """Scenarios that an author can write, as far as they are known."""
+    """Scenarios that an author can write, as far as this is known."""
 
     @property
     def templates(self) -> Sequence[str]:
@@ -194,17 +194,18 @@ class Supply(Protocol):
         """Return the contexts of the scenarios, or None if any context is possible."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int | None:
-        """Return the number of scenarios with different goals, or None if it is unlimited."""
+        """Return the number of scenarios with different goals for some templates, or None if it is unlimited."""
 
 
 def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, best_share: Mapping[str, float]) -> None:
-    """Check that quotas are consistent with each other, with the number of tasks and with the author.
+    """Check that quotas are consistent with each other, with the number of tasks, and with what the author can write.
 
     Args:
-        quotas: The quotas.
-        until: Number of tasks.
+        quotas: Quotas to check.
+        until: Requested number of tasks.
         supply: Scenarios that the author can write.
-        best_share: For each axis, the largest fraction of a task's variations that any allowed template has on it.
+        best_share: For each axis, the largest fraction of variations on this axis that the tasks of an allowed template
+            have.
 
     Raises:
         InvalidInputError: For the first contradiction.
@@ -241,9 +242,9 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check that the minimums and maximums for the values of a property can be met together.
+    """Check that the minimums of a property's values, and likewise their maximums, can be met together.
 
-    The values exclude each other, so their amounts add up.
+    A task or variation has only one value of the property, so the amounts of the values add up.
     """
     listed = ", ".join(map(str, quotas))
     if kind == "axis":

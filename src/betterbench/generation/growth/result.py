@@ -53,7 +53,7 @@ class GrownTask:
         difficulty: Level of difficulty.
         expert_s: Median time of the expert in the variations of the task [s].
         variations: Number of variations by axis.
-        set_aside: Reason why the task is not part of the suite; empty if it is.
+        set_aside: Reason why the certified task is not part of the suite; empty if it is part of it.
     """
 
     result: Result
@@ -73,12 +73,12 @@ class Growth:
         until: Requested number of tasks.
         stop: Reason why the growth stopped.
         tasks: Certified tasks, in order. Tasks with a ``set_aside`` reason are not part of the suite.
-        refused: Results of scenarios that could not be certified.
+        refused: Results of the scenarios that could not be certified.
         proposals: All proposals. Those whose outcome is not "drawn" were not built.
         quotas: All quotas, and how far each is fulfilled.
         goals: Number of different goals for which the author has scenarios, or None if it is not known.
-        near_duplicates: Number of scenarios that were left out as near-duplicates.
-        known_goals: Number of goals that were left out because another suite contains them.
+        near_duplicates: Number of scenarios that were left out because they are near-duplicates.
+        known_goals: Number of goals that were left out because a task in another suite has them.
         suite: Folder of the suite; None if no task was accepted.
     """
 
@@ -105,7 +105,7 @@ class Growth:
 
     @property
     def variations(self) -> int:
-        """Number of variations of all tasks in the suite."""
+        """Number of variations in the suite, over all tasks."""
         return sum(sum(task.variations.values()) for task in self.accepted)
 
     @property

@@ -31,7 +31,7 @@ PATIENCE = 5
 
 
 class Cell(NamedTuple):
-    """Template and context for which a scenario is requested. An empty context means that any context is allowed."""
+    """Template and context for which a scenario is requested. If the context is empty, any context is allowed."""
 
     template: str
     context: str
@@ -39,12 +39,12 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """Proposal by an author.
+    """Scenario that an author proposes, or the reason why there is none.
 
     Attributes:
-        outcome: Outcome of the proposal.
+        outcome: Whether the scenario can be built, or the kind of reason why it cannot.
         scenario: The scenario; None if the author wrote none.
-        key: Key that near-duplicates share; empty if it is unknown.
+        key: Key that near-duplicates of the scenario share; empty if it is unknown.
         problem: Reason why the scenario cannot be built.
     """
 
@@ -55,9 +55,9 @@ class Proposed:
 
 
 class Source(Protocol):
-    """Author that proposes the next scenario.
+    """Author that proposes the next scenario for a growing suite.
 
-    It also declares its supply of scenarios, as in :class:`~.quotas.Supply`.
+    It also states which scenarios it can write, as in :class:`~.quotas.Supply`.
     """
 
     @property
@@ -71,17 +71,17 @@ class Source(Protocol):
         """Return the number of scenarios with different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the templates and contexts for which the author may still have a new scenario, in a fixed order."""
+        """Return the pairs of template and context that may still have a new scenario, in a fixed order."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return a new scenario for a template and context. The number makes the proposal unique."""
+        """Return a new scenario for a template and context. The number distinguishes the proposal from all others."""
 
     def take(self, proposal: Proposal) -> None:
-        """Register a new or a stored proposal."""
+        """Take note of a proposal, which may be new or stored."""
 
 
 class OfflineSource:
-    """Author that uses the grammar. Each goal is used once, and goals with the least used categories come first.
+    """Author that uses the grammar. Each goal is used only once, and goals with the least used categories come first.
 
     Args:
         templates: Names of the templates for which scenarios are proposed.
@@ -129,14 +129,14 @@ class OfflineSource:
         return len(keys)
 
     def cells(self) -> list[Cell]:
-        """Return the templates and contexts that have a goal which was not drawn yet."""
+        """Return the pairs of template and context that still have a goal that was not drawn."""
         for cell, keys in self._left.items():
             if any(key in self._done for key in keys[:COMPARED]):
                 self._left[cell] = [key for key in keys if key not in self._done]
         return [cell for cell, keys in self._left.items() if keys]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the scenario for a template and context that has the least used categories and colors."""
+        """Return the scenario for a template and context whose categories and colors were used least so far."""
         fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
         key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
         rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
@@ -146,15 +146,15 @@ class OfflineSource:
         return Proposed("drawn", scenario_of(cell.template, theme, choice, rng), key)
 
     def _cost(self, cell: Cell, choice: Choice, *, colored: bool) -> float:
-        """Return the mean number of earlier uses of the categories in a choice.
+        """Return how often the categories in a choice were used before, on average.
 
-        With ``colored``, the uses are counted for each pair of category and color.
+        If ``colored`` is set, pairs of category and color are counted instead of categories.
         """
         names = [" ".join(kind) if colored else kind[0] for kinds in choice.values() for kind in kinds]
         return sum(self._uses[cell.template, name] for name in names) / len(names)
 
     def take(self, proposal: Proposal) -> None:
-        """Register a proposal, so that no scenario with the same goal is drawn again."""
+        """Take note of a proposal, so that no other scenario with the same goal is drawn."""
         self._done.add(proposal.key)
         if proposal.scenario is None:
             return
@@ -166,7 +166,10 @@ class OfflineSource:
 
 @functools.cache
 def _choices_of(template: str, distinct: Distinct) -> Mapping[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]]:
-    """Return all choices of objects for a template, by context and goal. For all templates, this takes two seconds."""
+    """Return all choices of objects for a template, by context and goal.
+
+    This takes two seconds for all templates together.
+    """
     found: dict[tuple[Cell, str], list[tuple[Theme, Choice]]] = {}
     for theme in grammar_of(template).themes:
         cell = Cell(template, theme.context)
@@ -182,11 +185,11 @@ class ModelSource:
         templates: Names of the templates for which scenarios are proposed.
         chat: Model with its stored exchanges.
         catalogue: Catalogue that is searched for the assets of a scenario, to detect near-duplicates.
-        contexts: Contexts that may be requested. Any context may always be left to the model.
+        contexts: Contexts that may be requested. A request may also leave the context to the model.
         tries: Maximum number of answers requested per scenario.
         open_vocabulary: Whether the model may use objects that are not in the library.
         distinct: Minimum difference between two scenarios that are not near-duplicates.
-        known: Names of existing tasks, by the key that their near-duplicates share.
+        known: Names of existing tasks, by the key that near-duplicates of the task share.
     """
 
     def __init__(
@@ -219,7 +222,11 @@ class ModelSource:
         """Return None, because the number of goals is not known."""
 
     def cells(self) -> list[Cell]:
-        """Return the templates that are not exhausted, each with every requestable context and with any context."""
+        """Return the pairs of template and context that can be requested.
+
+        Exhausted templates are left out. The others occur with each allowed context, and with an empty one for any
+        context.
+        """
         left = [template for template in self._templates if self._misses[template] < PATIENCE]
         return [Cell(template, context) for template in left for context in ("", *self._contexts)]
 
@@ -243,7 +250,10 @@ class ModelSource:
         return Proposed("drawn", scenario, key)
 
     def take(self, proposal: Proposal) -> None:
-        """Register a proposal. Later scenarios must differ from it, and repeated failures exhaust the template."""
+        """Take note of a proposal.
+
+        Later scenarios must differ from the proposed one. After repeated failures, the template counts as exhausted.
+        """
         self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
         if proposal.scenario is not None:
             self._written[proposal.template].append(proposal.read())

@@ -49,7 +49,10 @@ _EXPECTED: Mapping[str, tuple[str, str]] = {
 
 
 class _Mix:
-    """Mean properties of the tasks of a template: variations by axis, and the fraction of each level of difficulty."""
+    """Mean properties of the tasks of a template.
+
+    These are the number of variations on each axis, and the fraction of tasks with each level of difficulty.
+    """
 
     def __init__(self, template: str) -> None:
         letters, level = _EXPECTED.get(template, ("LROT", ""))
@@ -59,7 +62,7 @@ class _Mix:
         self._levels = {d.value: (1.0 if d.value == level else 0.0) if level else share for d in Difficulty}
 
     def add(self, traits: Traits) -> None:
-        """Include a task in the means."""
+        """Include the properties of a task in the means."""
         self._number += 1
         self._axes.update(traits.variations)
         self._levels[traits.difficulty] += 1.0
@@ -83,7 +86,7 @@ class _Mix:
 
 
 class _Tally:
-    """Counts of accepted tasks, and expected counts of scenarios that are being built."""
+    """Counts of accepted tasks, plus expected counts of the scenarios that are being built."""
 
     def __init__(self) -> None:
         self.tasks = 0
@@ -97,7 +100,7 @@ class _Tally:
         return other
 
     def of(self, kind: Kind, value: str) -> float:
-        """Return the count of a property's value."""
+        """Return how many tasks, or variations for an axis, have a value of a property."""
         return self.counts.get((kind, value), 0.0)
 
     def _count(self, kind: Kind, value: str, number: float) -> None:
@@ -114,7 +117,7 @@ class _Tally:
             self.variations += number
 
     def expect(self, cell: Cell, mix: _Mix) -> None:
-        """Count a scenario that is being built as if it were an accepted task with mean properties."""
+        """Count a scenario that is being built as an accepted task that has the mean properties of its template."""
         self.tasks += 1
         self._count("template", cell.template, 1.0)
         self._count("context", cell.context, 1.0)
@@ -129,7 +132,7 @@ class Steering:
     """Chooses the next template and context, and accepts certified tasks, so that the quotas are filled.
 
     Args:
-        quotas: The quotas.
+        quotas: Quotas that the suite must fulfill.
         until: Requested number of tasks.
         templates: Names of the templates for which the author writes scenarios.
     """
@@ -152,9 +155,9 @@ class Steering:
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
         """Return the template and context of the next scenario, or None if the quotas allow none.
 
-        The chosen template and context are those with which a task helps to fill the most open quotas. If several are
-        equally helpful, the least used ones are chosen. If all missing tasks are needed for the minimums of a property,
-        only values of the property that lack tasks are drawn.
+        The chosen template and context are those for which a task would help to fill the most open quotas. If several
+        are equally helpful, the least used ones are chosen. If all missing tasks are needed to reach the minimums for a
+        property, only values of this property that still lack tasks are chosen.
 
         Args:
             cells: Templates and contexts for which the author has a new scenario.
@@ -188,7 +191,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return how many tasks are missing for the minimum of a value's quota."""
+        """Return how many tasks are still missing to reach the minimum in the quota for a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -198,7 +201,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return the expected number of open quotas that a task with a template and context would help to fill."""
+        """Return how many open quotas a task with a template and context is expected to help fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:
@@ -212,7 +215,7 @@ class Steering:
         return round(found, 9)
 
     def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
-        """Return how much a task helps to fill the quota of an axis, from 0 to 1 for the best template."""
+        """Return how much a task helps to fill the quota for an axis, relative to the best template (from 0 to 1)."""
         best = max(m.share(quota.value) for m in self._mixes.values()) or 1.0
         share = 100.0 * tally.of("axis", quota.value) / tally.variations if tally.variations else 0.0
         if share < quota.least:
@@ -250,7 +253,7 @@ class Steering:
         return number - low * total + places * surplus > -1e-9 and number - high * total + places * excess < 1e-9
 
     def best_share(self) -> dict[str, float]:
-        """Return for each axis the largest expected fraction of a task's variations on it, among all templates."""
+        """Return the largest expected fraction of a task's variations on each axis, among all templates."""
         return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
 
     def standing(self) -> list[tuple[Quota, float, bool]]:

@@ -42,7 +42,7 @@ DONE = "The policy sees what is done already and does nothing again."
 def constrained_positioning(cast: Cast) -> GeneratedTask:
     """Make a task with two or three cups or mugs and a fixture with a ring.
 
-    For each of the variations L1 to L4, the training twin has the same scene, and its instruction names another item.
+    The training twin of each of the variations L1 to L4 has the same scene, but its instruction names another item.
 
     Raises:
         InvalidInputError: If an object does not fit. The message names the object.
@@ -51,7 +51,10 @@ def constrained_positioning(cast: Cast) -> GeneratedTask:
 
 
 class _Positioning:
-    """Builds a task from a cast: its layouts, instructions, variations and balanced conditions."""
+    """Builds a task from a cast (a scenario with chosen assets).
+
+    The task consists of layouts, instructions, variations and balanced conditions.
+    """
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -73,7 +76,7 @@ class _Positioning:
         self.layouts = tuple({**self._in_slots(order), **around} for order in orders)
 
     def _in_slots(self, order: tuple[a.ObjectSpec, ...]) -> dict[a.ObjectSpec, a.Slot]:
-        """Return the slot of each item. ``order`` lists the items of the near, the far and the middle slot."""
+        """Return the slot of each item. ``order`` lists the items in the near, the far and the middle slot."""
         return {item: self.slots[order.index(item)] for item in self.items}
 
     def named(self, item: a.ObjectSpec) -> a.Instruction:
@@ -146,9 +149,10 @@ class _Positioning:
         return in_order(found), tuple(unbuilt)
 
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
-        """Return the first training condition with a layout in which the instruction requests another item.
+        """Return the training condition that serves as the twin of a variation.
 
-        The motion of this training condition does not solve the variation.
+        It is the first training condition with the same layout whose instruction requests another item, so that
+        repeating its motion does not solve the variation.
         """
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
@@ -162,9 +166,9 @@ class _Positioning:
         """Return the balanced conditions of the task.
 
         Each word occurs in scenes with all items and an additional object, and in scenes with a single item. A single
-        item is alone or with the look-alike of another item; with its own look-alike, the scene would be a test. The
-        additional object distinguishes the scenes with all items from tests, so that only the words determine the
-        target.
+        item is alone, or together with the look-alike of another item. It is never together with its own look-alike,
+        because this scene is a test. Because of the additional object, the scenes with all items differ from those of
+        the tests. Only the words determine the target.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
@@ -187,14 +191,14 @@ class _Positioning:
         return found
 
     def _beside(self) -> dict[str, a.ObjectSpec]:
-        """Return the look-alikes by the name of their item.
+        """Return the look-alike of each item, by the name of the item.
 
-        If no item has one, return a toy block under the name "".
+        If no item has a look-alike, return a toy block under the name "".
         """
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the cyclic rotations of the items, so that each item is in each slot once."""
+        """Return the cyclic rotations of the items, in which each item is in each slot once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 

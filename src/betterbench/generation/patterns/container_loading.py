@@ -67,7 +67,10 @@ def container_loading(cast: Cast) -> GeneratedTask:
 
 
 class _Loading:
-    """Builds a task from a cast: its layouts, instructions, variations and balanced conditions."""
+    """Builds a task from a cast (a scenario with chosen assets).
+
+    The task consists of layouts, instructions, variations and balanced conditions.
+    """
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -92,9 +95,10 @@ class _Loading:
         )
 
     def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
-        """Return the two items.
+        """Return the two items in order.
 
-        The first one is for the upper drawer, as far as the scenario's instruction states it.
+        The first one goes into the upper drawer in training. The given order is exchanged if the scenario's instruction
+        puts the items into the other drawers.
         """
         stated = stated_goal(self.cast.scenario).regions
         first, second = items
@@ -167,9 +171,9 @@ class _Loading:
     def _balanced(self) -> list[Condition]:
         """Return balanced conditions in four layouts.
 
-        Each object goes into each drawer, which is open or closed at the start. The instruction to put only the first
-        object into the lower drawer belongs to a test. It therefore occurs here only together with an instruction about
-        the other object.
+        Each object goes into each drawer, which is open or closed at the start. A test has the instruction to put only
+        the first object into the lower drawer. Here, this instruction is therefore always combined with one about the
+        other object.
         """
         (first, second), upper, lower = self.items, self.upper, self.lower
         back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}

@@ -69,7 +69,9 @@ class Draft:
         refuse: bool = False,
         mid_task: bool = False,
     ) -> bool:
-        """Add a variation. If it is impossible or its objects may touch, list it as unbuilt instead.
+        """Add a variation.
+
+        If it is impossible, tests nothing new, or its objects may touch, list it as unbuilt instead.
 
         Returns:
             Whether the variation was added.
@@ -127,8 +129,9 @@ class Draft:
     ) -> tuple[Condition, ...]:
         """Return balanced conditions with every order of the movable objects in the slots and with every instruction.
 
-        More than three movable objects are only rotated cyclically. An object that is not requested is missing in one
-        of four conditions, and in every condition that would otherwise be a test.
+        If there are more than three movable objects, only the cyclic rotations of their order are used. Objects that
+        the instruction does not request are missing in one of four conditions, and in every condition that would
+        otherwise be a test.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -194,10 +197,10 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Build tasks from the choices in turn, and return the first one that has enough room.
+    """Build a task from each choice in turn, and return the first one in which the objects have enough room.
 
     Raises:
-        InvalidInputError: Error of the last choice, if no choice has enough room.
+        InvalidInputError: If no choice leaves enough room. This is the error of the last choice.
     """
     errors = []
     for choice in choices:
@@ -214,6 +217,6 @@ def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
 
 
 def shuffled(cast: Cast, slots: Sequence[Slot]) -> tuple[Slot, ...]:
-    """Return slots in a random order, drawn from the seed of a cast (a scenario with chosen assets)."""
+    """Return slots in a random order that depends on the seed of a cast (a scenario with chosen assets)."""
     order = np.random.default_rng(cast.seed).permutation(len(slots)).tolist()
     return tuple(slots[i] for i in order)

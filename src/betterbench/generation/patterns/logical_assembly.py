@@ -44,7 +44,10 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Base, three layers that vary, and possibly a layer that always comes last."""
+    """Objects of a stack.
+
+    These are the base, three layers whose order varies, and possibly a layer that always comes last.
+    """
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]
@@ -77,8 +80,8 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
     Raises:
         InvalidInputError: If there are not three or four layers, a layer cannot be grasped or cannot carry the next
-            one, the fingers would touch the rim of the base, a stack would be too high, or a test would release a layer
-            at a height that does not occur in training.
+            one, the fingers would touch the rim of the base, a stack would be too high, or a layer would be released in
+            a test at a height that does not occur in training.
     """
     (base,) = in_role("container", (cast.one("base"),))
     layers = in_role("item", cast.groups.get("layers", ()))
@@ -122,7 +125,10 @@ def _require_heights(stack: _Stack) -> None:
 
 
 def _below_m(layers: Sequence[ObjectSpec]) -> tuple[float, float]:
-    """Return the smallest and largest height of a stack above its base [m], over all variants of the layers."""
+    """Return the smallest and largest height of stacked layers above their base [m].
+
+    All variants of the layers are considered.
+    """
     heights = [footprint(spec.category).layer_m for spec in layers]
     return sum(low for low, _ in heights), sum(high for _, high in heights)
 

@@ -84,10 +84,10 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether three items fit into the container, although demonstrations put only two items into it.
+    """Return whether three items fit into the container. Demonstrations put only two items into it.
 
-    A container with a lid has room for two. In other containers, the items may lie side by side, or be stacked below
-    the rim.
+    A container with a lid has room for two. In other containers, the items fit if they can lie side by side, or can be
+    stacked without rising above the rim.
     """
     room = footprint(container.category).inside_m
     if room is None or _has_lid(container):
@@ -195,7 +195,7 @@ def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> 
 def _add_look_alikes(
     draft: Draft, cast: Cast, first: ObjectSpec, third_one: ObjectSpec, starts: dict[ObjectSpec, Slot]
 ) -> None:
-    """Add two variations with a look-alike in the first item's slot.
+    """Add two variations in which a look-alike takes the slot of the first item.
 
     In one of them, the first item is missing. In the other one, it is in another slot.
     """
@@ -213,7 +213,7 @@ def _add_look_alikes(
 
 
 def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.partial[a.Instruction]) -> None:
-    """Add a variation in which two equal objects are packed. The second of them is in the slot of another item."""
+    """Add a variation in which two equal objects are packed. The second object starts in the slot of another item."""
     repeated = next((o for o in items[:3] if is_countable(o.kind)), None)
     if repeated is None:
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")

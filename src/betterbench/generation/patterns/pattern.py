@@ -16,7 +16,7 @@ class Unbuilt:
 
     Attributes:
         axis: Letter of the axis ("O").
-        title: Short description of the difference from training.
+        title: Short description of how the variation differs from training.
         reason: Reason why the variation could not be derived, with a remedy.
     """
 
@@ -35,7 +35,7 @@ class GeneratedTask:
         balanced: Additional training conditions without these confounds.
         crossed: Factors that vary independently in ``balanced``, one line each.
         unbuilt: Variations that could not be derived.
-        aside: Slots that are only used in ``balanced``, and from which nothing is picked.
+        aside: Slots from which nothing is picked and that are used only in ``balanced``.
     """
 
     task: Task

@@ -85,13 +85,13 @@ Step = tuple[ObjectSpec, str]
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Items with their sides in training and their initial slots.
+    """Items with their initial slots, and with the sides of the anchor at which they are put in training.
 
     Attributes:
         anchor: Object at whose sides the items are put.
         steps: Three items, each with its side in training.
         layouts: Initial slots for the first and the second position of the anchor.
-        pairs: Pairs of steps that occur in training.
+        pairs: Pairs of steps that occur together in training.
     """
 
     anchor: ObjectSpec
@@ -136,9 +136,9 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
-    """Yield choices of slots for the distractors around a place setting. Choices with the most distractors come first.
+    """Yield choices of slots for the distractors around a place setting, those with the most distractors first.
 
-    The first distractor exchanges its slot with the compact item.
+    The first distractor always takes over a slot from the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -149,7 +149,7 @@ def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, S
 
 
 def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
-    """Return two sides of an anchor with much room, and the side with the least room."""
+    """Return the left and the right side of an anchor, which have much room, and the side with the least room."""
     offered = footprint(anchor.category).regions & set(SIDES)
     last = next((side for side in _TRIED_LAST if side in offered), None)
     if last is None or not {"left", "right"} <= offered:
@@ -174,7 +174,7 @@ def _refuse_long(spec: ObjectSpec) -> None:
 
 
 def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
-    """Raise InvalidInputError because the scenario's instruction puts an object at a side where it has no room."""
+    """Raise InvalidInputError because the scenario's instruction puts an object at a side that has no room for it."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
     raise InvalidInputError(where, problem, "State another side, or do not state a side")
@@ -197,7 +197,7 @@ def _with_last(items: Sequence[ObjectSpec], last: ObjectSpec) -> tuple[ObjectSpe
 def _desk(
     cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str], table: Table
 ) -> GeneratedTask:
-    """Return a task whose items start in front of the anchor."""
+    """Return a task in which the items start in front of the anchor, as on a desk."""
     stated = stated_goal(cast.scenario).regions
     last = next((o for o in reversed(items) if _fits(o, sides[2]) and stated.get(o.name, sides[2]) == sides[2]), None)
     last = next((o for o in items if stated.get(o.name) == sides[2]), last)
@@ -251,8 +251,8 @@ def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
 def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
     """Add a variation in which the anchor is at its other position.
 
-    The instruction does not begin with the object in the alphabetically first slot. Otherwise, a policy that always
-    begins at its favorite slot would succeed.
+    The instruction does not begin with the object in the alphabetically first slot, because a policy that always begins
+    at this slot would otherwise succeed.
     """
     layout = plan.layouts[0]
     favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)
@@ -268,9 +268,10 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
-    """Add a variation with a look-alike of an object in its slot, after operations that make room for it.
+    """Add a variation in which a look-alike stands where an object stood.
 
-    Return whether a look-alike fits.
+    The operations in ``room`` make room for it first. Return whether a variation was added, which requires a look-alike
+    that fits.
     """
     for other in look_alikes_of(draft.cast, spec):
         if draft.vary("O", [*room, a.add(other, slot)], f"{other.kind} where the {spec.kind} stood", LOOK_ALIKE, base):
@@ -306,7 +307,7 @@ def _finish(draft: Draft, plan: _Plan, balanced: Sequence[Condition]) -> Generat
 
 
 def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
-    """Yield the pairs of steps with different objects and sides, without the pairs that occur only in tests."""
+    """Yield the pairs of steps that differ in object and side. Pairs that occur only in tests are left out."""
     sides = [side for _, side in plan.steps]
     trained = {frozenset(pair) for pair in plan.pairs}
     given = [o.arguments.get("instruction") for v in draft.variations for o in v.interventions]
@@ -350,7 +351,7 @@ def _setting(
     sides: tuple[str, str, str],
     distractors: Mapping[ObjectSpec, Slot],
 ) -> GeneratedTask:
-    """Return a task with two long pieces at the edges of the table and a compact object in front."""
+    """Return a task with a place setting: two long pieces at the edges of the table, and a compact object in front."""
     table = _SETTING
     left, right = (o for o in items if footprint(o.category).radius_m > _FRONT_M)
     (compact,) = (o for o in items if o not in (left, right))
@@ -423,8 +424,9 @@ def _setting_balanced(
 
 
 def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
-    """Return whether the object placed in the first step blocks a piece that is picked in the second step.
+    """Return whether the object of the first step would block the piece of the second step.
 
-    The piece is at the edge of the table where the anchor leaves little room.
+    This happens if the object is put at the given side, where the anchor leaves little room for a piece at the table
+    edge.
     """
     return steps[0][1] == side and steps[1][0] is piece

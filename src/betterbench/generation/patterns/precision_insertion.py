@@ -46,7 +46,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.PRECISION_INSERTION)
 def precision_insertion(cast: Cast) -> GeneratedTask:
-    """Make a task with three jars and a rack with three holes.
+    """Return a task with three jars and a rack with three holes.
 
     Raises:
         InvalidInputError: If an object does not fit. The message names the object.
@@ -55,7 +55,10 @@ def precision_insertion(cast: Cast) -> GeneratedTask:
 
 
 class _Insertion:
-    """Builds a task from a cast: its layout, instructions, variations and balanced conditions."""
+    """Builds a task from a cast (a scenario with chosen assets).
+
+    The task consists of a layout, instructions, variations and balanced conditions.
+    """
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -149,9 +152,10 @@ class _Insertion:
         return in_order(found), tuple(unbuilt)
 
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
-        """Return the version of a jar that differs from other jars only by its label, or None if there is none.
+        """Return the plain version of a jar, or None if it does not exist.
 
-        By convention, its category is "plain_" followed by the kind, with underscores ("plain_salt_jar").
+        Plain jars differ from each other only by their labels. By convention, the category of the plain version is
+        "plain_" followed by the kind, with underscores ("plain_salt_jar").
         """
         category = f"plain_{item.kind.replace(' ', '_')}"
         if category == item.category or category not in categories():
@@ -161,7 +165,7 @@ class _Insertion:
     def _balanced(self) -> list[Condition]:
         """Return balanced conditions for each jar in each hole, and for each ordered pair of jars in two holes.
 
-        Each of them occurs in three layouts, so that the instruction does not determine the slots of the jars.
+        Each instruction occurs in three layouts, so that it does not determine the slots of the jars.
         """
         holes, jars = tuple(HOLES), self.items
         found = []

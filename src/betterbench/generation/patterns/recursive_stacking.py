@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """Lowest plate of a stack, and the two plates that are stacked on it."""
+    """Plates of a stack: the lowest plate, and the two plates that are stacked on it."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -52,9 +52,10 @@ class _Plates:
 
 @pattern(a.RECURSIVE_STACKING)
 def recursive_stacking(cast: Cast) -> GeneratedTask:
-    """Return a task in which one of two plates is put on the widest plate, or the top plate on the middle plate.
+    """Return a task with three plates.
 
-    If the instruction of the scenario puts one plate on another, training does so too. The plate with a look-alike is
+    Either one of two plates is put on the widest plate, or one of the two on the other. If the instruction of the
+    scenario puts one plate on another, training does so too. If only one of the two plates has a look-alike, it becomes
     the middle plate of the complete stack. Distractors are not used, because the plates fill the table.
 
     Raises:
@@ -137,7 +138,10 @@ def _stacked(cast: Cast, plates: _Plates) -> GeneratedTask:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[ObjectSpec, Slot]) -> None:
-    """Add a variation with a look-alike in the slot of the middle plate, which moves to the slot of the top plate."""
+    """Add a variation in which a look-alike takes the slot of the middle plate.
+
+    The middle plate itself moves to the slot of the top plate.
+    """
     for other in look_alikes_of(cast, plates.middle):
         moves = [a.move(plates.top, _RIGHT_FRONT), a.move(plates.middle, near[plates.top])]
         kind = plates.middle.kind

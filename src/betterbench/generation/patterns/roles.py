@@ -21,7 +21,7 @@ _FALLBACK = "block"
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
-    """Return the objects of a group in a cast, with a role.
+    """Return the objects of a cast group, with the given role assigned to them.
 
     Raises:
         InvalidInputError: If the number of objects in the group is not allowed.
@@ -37,7 +37,7 @@ def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) ->
 
 
 def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:
-    """Return copies of objects with a role."""
+    """Return copies of objects to which the given role is assigned."""
     return tuple(replace(spec, role=role) for spec in objects)
 
 
@@ -53,10 +53,11 @@ def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
 
 
 def standing_look_alikes(cast: Cast, items: tuple[ObjectSpec, ...]) -> Mapping[str, ObjectSpec]:
-    """Return a distractor that looks like each item, by the name of the item.
+    """For each item, return a distractor that looks like it, by the name of the item.
 
-    It is the first look-alike in the cast that is narrow enough for a slot. If there is none, it is a toy block of the
-    item's color, unless the cast already contains a block. Items for which neither exists are left out.
+    This is the first look-alike in the cast (the scenario with its chosen assets) that is narrow enough for a slot. If
+    there is none, it is a toy block of the item's color, unless the cast already contains a block. Items for which
+    neither exists are left out.
     """
     found: dict[str, ObjectSpec] = {}
     taken = {spec.name for specs in cast.groups.values() for spec in specs}

@@ -1,4 +1,4 @@
-"""Goal stated in an instruction, and the parts of it that the pattern of the template does not support.
+"""Goal stated in an instruction, and the parts of this goal that tasks of the template cannot have.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
 :func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, from which the patterns take
@@ -41,10 +41,11 @@ _CAN = {
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Parts of the goal that an instruction states, as far as the patterns support them.
+    """Parts of the goal that an instruction states and that tasks of the template can have.
 
     Attributes:
-        regions: Side, drawer ("upper") or hole ("hole_1") where an item goes, by the ``instance_name`` of the item.
+        regions: Side, drawer ("upper") or hole ("hole_1") to which each item goes, by the ``instance_name`` of the
+            item.
         onto: Pairs of an upper and a lower plate, by ``instance_name``.
         problems: Words of unsupported parts, with the reason.
     """
@@ -60,7 +61,7 @@ class StatedGoal:
 
     @property
     def is_specific(self) -> bool:
-        """Whether the instruction states a side, drawer, hole or plate in addition to the template's relation."""
+        """Whether the instruction states a side, drawer, hole or plate, which the template's relation leaves open."""
         return bool(self.regions or self.onto)
 
 
@@ -83,7 +84,7 @@ def stated_goal(scenario: Scenario) -> StatedGoal:
 
 
 def example_about(scenario: Scenario) -> str:
-    """Return an example of an instruction about the objects of a scenario that the pattern supports."""
+    """Return an example of a supported instruction, about the objects of a scenario."""
     template = TEMPLATES[scenario.template]
     roles = {group.group_id: group.role for group in template.groups}
     nouns = {

@@ -1,4 +1,4 @@
-"""Detection of negations, choices, orders, poses and numbers in instructions, which goals do not support."""
+"""Detection of words in instructions that goals cannot express: negations, choices, orders, poses and numbers."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _UNLESS_DESCRIBED = (
 
 
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words that state a negation, choice, order, pose, or number without objects, each with the reason.
+    """Yield the words whose meaning the goal of a task cannot express, each with the reason.
 
-    The reason states why the goal of a task cannot contain the word.
+    Such words state a negation, a choice, an order, a pose, or a number that does not count objects.
     """
     described = frozenset().union(*map(words_of_object, r.objects.values()))
     items = [m for m in r.mentions.values() if r.is_item(m)]
@@ -58,7 +58,10 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
 
 
 def _closing(r: Reader, at: int) -> str:
-    """Return a reason if a word asks to close another object than a drawer, or a drawer into which nothing is put."""
+    """Return the reason why a request to close something is rejected, or an empty text.
+
+    Only drawers can be closed, and only after something is put into them.
+    """
     if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
         return ""
     if r.scenario.template != "container_loading":
@@ -67,7 +70,10 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _returning(r: Reader, at: int) -> str:
-    """Return a reason if a word asks to put an object "back" or "away" without naming a target."""
+    """Return the reason why a request to put an object "back" or "away" is rejected, or an empty text.
+
+    A request is rejected if it names no target.
+    """
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
         return ""
     is_last = not r.tokens[at + 1 :] or r.tokens[at + 1] in (",", ".", "and")
@@ -75,7 +81,10 @@ def _returning(r: Reader, at: int) -> str:
 
 
 def _result(r: Reader, at: int) -> str:
-    """Return a reason if the layers do not make the named result, or make only one although several are requested."""
+    """Return the reason why the named result of an assembly is rejected, or an empty text.
+
+    It is rejected if the layers do not make this result, or if several results are requested.
+    """
     if r.scenario.template != "logical_assembly" or r.tokens[at] not in RESULTS:
         return ""
     if number_before(r.raw, at) or r.raw[at] != r.tokens[at]:
@@ -85,7 +94,10 @@ def _result(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return a reason if a word is a number that is too large for a scene or does not refer to objects."""
+    """Return the reason why a number is rejected, or an empty text.
+
+    A number is rejected if it is too large for a scene, or does not refer to objects.
+    """
     raw = r.raw[at]
     if raw in NUMBERS:
         return "" if _counts_a_noun(r, at) else "it does not refer to objects of the goal"
@@ -101,9 +113,9 @@ def _counts_a_noun(r: Reader, at: int) -> bool:
 
 
 def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
-    """Return whether the pattern supports a stated order.
+    """Return whether a stated order is supported.
 
-    An order may concern the first two objects, or closing a drawer after loading it.
+    Supported orders concern the first two objects, or the closing of a drawer after loading it.
     """
     word = r.tokens[at]
     if r.scenario.template == "container_loading":

@@ -30,7 +30,10 @@ def without_direction(text: str) -> str:
 
 
 def read_text(scenario: Scenario) -> str:
-    """Return the part of a scenario's instruction that is parsed word by word."""
+    """Return the part of a scenario's instruction that is parsed word by word.
+
+    Clauses about the direction of cutlery are removed from instructions for place settings and similar arrangements.
+    """
     text = scenario.instruction
     return without_direction(text) if scenario.template == ARRANGED else text
 

@@ -64,7 +64,7 @@ class Said:
         subjects: Nouns before the relation that do not belong to an earlier relation.
         target: Noun after the relation, or None if a place or nothing follows.
         place: Place after the relation ("table", "ring"), or "it" for a pronoun; empty if there is none.
-        position: Word before "hole" ("left"), or a part of the target ("ring").
+        position: Word that tells which hole is meant ("left"), or a part of the target ("ring").
     """
 
     words: str
@@ -76,11 +76,11 @@ class Said:
 
 
 class Reader:
-    """Words of an instruction, with the objects to which they refer.
+    """Parsed words of an instruction, with the objects to which they refer.
 
     Attributes:
         objects: Objects of the scenario by name. ``role_of`` has the role of each object.
-        surfaces: Names of surfaces on which all objects stand.
+        surfaces: Words for the surface on which all objects stand, such as the table.
         raw: Words in lower case. ``tokens`` are the same words in the singular.
         mentions: Nouns by the index of their first token. ``taken`` has the indices of all tokens of nouns.
         positions: Indices of words such as "left" that belong to no relation, set by :meth:`relations`.
@@ -123,9 +123,10 @@ class Reader:
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of the objects to which a noun may refer.
+        """Return the names of the objects that a noun may mean.
 
-        These are the objects with this name. If there are none, they are the objects described with this noun.
+        Objects with this name come first. Only if there are none, objects whose description contains the noun are
+        returned.
         """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
@@ -195,7 +196,7 @@ class Reader:
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
 
     def _side_at(self, at: int) -> tuple[str, int] | None:
-        """Return the side stated at a position, as in "next to the plate on the left", with the index after it.
+        """Return the side stated at a position, as in "next to the plate on the left", and the index after it.
 
         Return None if no side is stated there.
         """
@@ -262,12 +263,15 @@ class Reader:
         )
 
     def moved(self, said: Said) -> str:
-        """Return a reason if a relation would move an object that is not an item; otherwise an empty text."""
+        """Return the reason why a relation is rejected, or an empty text.
+
+        A relation is rejected if it moves an object that is not an item.
+        """
         wrong = [m for m in said.subjects if m.objects and not self.is_item(m)]
         return f"the {self.raw[wrong[0].end - 1]} is not moved" if wrong else ""
 
     def sides(self) -> tuple[str, ...]:
-        """Return the sides that the anchor has, or all sides if its category is not known yet."""
+        """Return the sides that the anchor has. If its category is not known yet, return all sides."""
         (anchor,) = self.scenario.groups["anchor"] or (None,)
         category = "_".join(anchor.tags[0].split()) if anchor is not None and anchor.tags else ""
         offered = footprint(category).regions if category in categories() else frozenset(SIDES)
