@@ -44,8 +44,8 @@ class PairAgreement:
     Attributes:
         first: First rater.
         second: Second rater.
-        table: Outcomes of the trials that both rated. The rows are the first rater's outcomes.
-        disagreements: Trials with different outcomes, in the order of the plan.
+        table: Numbers of trials that both raters rated, by outcome. The rows are the outcomes of the first rater.
+        disagreements: Trials for which the two raters entered different outcomes, in the order of the plan.
     """
 
     first: Rater
@@ -60,7 +60,7 @@ class PairAgreement:
 
     @property
     def interval(self) -> Interval | None:
-        """Confidence interval of kappa; None if kappa is not defined or its variance is 0.
+        """Confidence interval of Cohen's kappa; None if kappa is not defined or its variance is 0.
 
         The variance is 0 if the two raters never differ, or if one of them always entered the same outcome. The
         interval would then have zero width even with very few trials.
@@ -70,7 +70,7 @@ class PairAgreement:
 
     @property
     def sentence(self) -> str:
-        """Sentence that states the number of equal outcomes, and kappa with its interval."""
+        """Sentence that states in how many trials the outcomes are equal, and Cohen's kappa with its interval."""
         n = self.table.n
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
         kappa, interval = self.table.kappa, self.interval
@@ -97,9 +97,9 @@ class PairAgreement:
 
 
 def agreements_of(trials: Iterable[RealTrial]) -> tuple[PairAgreement, ...]:
-    """Return the agreement of every pair of raters that rated some of the same trials.
+    """Return the agreement of every pair of raters who rated at least one trial in common.
 
-    A pair includes only the trials that both rated. Pairs of judges come before pairs with the operator.
+    Only the trials that both raters rated are compared. Pairs of judges come before pairs with the operator.
     """
     seen: dict[Rater, dict[str, str]] = {}
     order: list[str] = []

@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 
 class NotArmedError(BetterError):
-    """Error for a motion that was requested while the arm's switch was off."""
+    """Error for a motion that was requested while the software switch of the arm was off."""
 
 
 class SafeArm:
@@ -69,7 +69,7 @@ class SafeArm:
             self.robot.release()
 
     def read(self) -> Reading:
-        """Read the state of the robot. Raises RobotError if the robot cannot be read."""
+        """Read the state of the robot. Raise RobotError if the robot cannot be read."""
         with self._lock:
             reading = self.robot.read()
             if np.isfinite(reading.state).all():
@@ -77,7 +77,7 @@ class SafeArm:
             return reading
 
     def begin(self, reading: Reading) -> None:
-        """Start an episode at the measured state of a reading. Raises LimitError if the state is not finite."""
+        """Start an episode at the state that was measured in a reading. Raise LimitError if the state is not finite."""
         with self._lock:
             self.limiter.start(reading.state)
 

@@ -91,7 +91,10 @@ class RealPolicies:
         return self._made[name]
 
     def discard(self, name: str) -> None:
-        """Close a policy that is still computing an answer for an earlier trial. Its next trial creates it again."""
+        """Close a policy that is still computing an answer for an earlier trial.
+
+        The policy is created again for its next trial.
+        """
         policy = self._made.pop(name, None)
         if policy is not None:
             close_policy(policy)
@@ -161,7 +164,7 @@ class Asker:
         return self._pending is None and len(self._actions) <= self._execution.ahead
 
     def ask(self, step: int, observation: Observation) -> None:
-        """Send an observation to the policy, to request the actions from a control step on."""
+        """Send an observation to the policy and request its actions, beginning with the given control step."""
         self._pending = step
         self._questions.put((step, observation))
 

@@ -29,7 +29,7 @@ class FilmThread:
         self._thread.start()
 
     def add(self, frame: Frame, now_s: float) -> bool:
-        """Append the newest frame of the camera at a control step, and return whether the frame was late.
+        """Append the newest frame of the camera at a control step, and return whether the frame was too old.
 
         Raises:
             RobotError: If the camera changed its image size.

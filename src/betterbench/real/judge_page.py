@@ -1,4 +1,4 @@
-"""Web page for a judge: films and instruction of one trial, and the possible outcomes with keys and definitions.
+"""Web page for a judge: films and instruction of a trial, and the possible outcomes with their keys and definitions.
 
 The page does not receive the condition, the policy or the entries of other people. It is a plain page (``judge.html``,
 ``judge.js``, ``judge.css``) that is served by :class:`~betterbench.browser.plain.PlainServer`.
@@ -23,7 +23,7 @@ from betterbench.real.outcomes import OUTCOMES
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
-    """Command that the page sends, with the index of the film that is displayed."""
+    """Command that the page sends, together with the index of the film that is displayed on it."""
 
     name: Literal["enter", "undo", "next", "previous"]
     film: Annotated[int, Field(ge=0)]

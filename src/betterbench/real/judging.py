@@ -18,7 +18,7 @@ logger = logging.getLogger(__name__)
 
 
 class JudgeDesk:
-    """Work of one judge: the queue of trials, the current trial and the judge's entries.
+    """State of one judge's work: the queue of trials, the current trial and the judge's entries.
 
     The order depends on the seed of the plan and the name of the judge. The same command therefore resumes where it
     stopped, and each judge gets a different order. A judge sees only the films, the instruction and the judge's own
@@ -28,16 +28,16 @@ class JudgeDesk:
         person: Name of the judge.
         trials: Finished trials, in this judge's order.
         index: Index of the current trial.
-        message: Message that tells the judge the result of the last command.
-        is_problem: Whether the message reports a problem.
+        message: Message to the judge about the result of the last command.
+        is_problem: Whether this message reports a problem.
     """
 
     def __init__(self, folder: Path, person: str) -> None:
         """Read the finished trials and this judge's earlier entries.
 
         Raises:
-            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name is a
-                variant of an earlier judge's name.
+            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name differs
+                only in spelling from that of an earlier judge.
             RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials whose header is
                 damaged are left out and logged.
         """
@@ -84,7 +84,7 @@ class JudgeDesk:
         return self._mine.get(self.at_hand.code)
 
     def step(self, by: int) -> None:
-        """Go forward or backward by a number of trials. The first trial follows the last one."""
+        """Move forward or backward in the queue by a number of trials. The queue is circular."""
         self.index = (self.index + by) % len(self.trials)
         self._say("")
 
@@ -134,7 +134,7 @@ class JudgeDesk:
     def undo(self) -> None:
         """Undo the last entry of this session. If there is none, undo the entry for the current film.
 
-        The film whose entry was undone is shown.
+        The film of the undone entry is shown again.
         """
         if not self._made and self.chosen is None:
             self._say("There is no entry to undo. Go to a film with an entry first.", is_problem=True)
@@ -155,7 +155,7 @@ class JudgeDesk:
 
         Raises:
             InvalidInputError: If the film is missing or was changed. Only the log names the trial, because judges must
-                not see it.
+                not know it.
         """
         try:
             return self.trials[number].film(camera).read_bytes()
@@ -171,7 +171,7 @@ class JudgeDesk:
 
 
 def _entries_of(run: RealRun, person: str) -> dict[str, str]:
-    """Return the current outcomes that a judge entered, by trial code, without undone entries."""
+    """Return the outcomes that a judge has entered, by trial code. Entries that were undone are left out."""
     return {
         trial.code: entry.decision.outcome
         for trial in run.trials

@@ -1,9 +1,9 @@
 """Label of a trial on a real arm, from joint signals and the entries of judges who watched the film.
 
-The labels are those of the simulated diagnosis, and rest and back-and-forth motion are detected by the same rules. Only
-judges know which object was taken and which objects are in the basket. If neither source gives a label, the label is
-None and the trial is unscored. If the joint states contradict an entry, the contradiction is reported, and the trial is
-unscored until the judges enter a new outcome.
+The labels and the rules for rest and back-and-forth motion are those of the simulated diagnosis. Only the judges can
+tell which object was taken and which objects are in the basket. If neither the signals nor the judges determine a
+label, the label is None and the trial is unscored. If the joint states contradict an entry, the contradiction is
+reported, and the trial is unscored until the judges enter a new outcome.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Judged:
 
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> Judged:
-        """Combine the current entries of all people for one attempt at a trial."""
+        """Combine the current entries of all people about one attempt at a trial."""
         seen = [(entry, entry.decision) for entry in entries if entry.decision.kind == "seen"]
         votes = {entry.author: decision.outcome for entry, decision in seen if entry.role == "judge"}
         operators = [decision.outcome for entry, decision in seen if entry.role == "operator"]
@@ -108,7 +108,7 @@ class Place:
     """Location at which the jaw of the gripper closed.
 
     Attributes:
-        object: Kind of the object that was there at the start; None for an empty slot or an unknown location.
+        object: Kind of the object that was at the location at the start; None for an empty slot or an unknown location.
         slot: Name of the slot, or None if the location is unknown.
         gap_m: Horizontal distance to the slot's center, minus the slot's jitter [m].
     """
@@ -150,11 +150,11 @@ class Setting:
         return self.exposure.test.expected
 
     def place_of(self, closing: Closing) -> Place:
-        """Return the object or empty training slot closest to where the jaw closed, if it is close enough.
+        """Return the object or empty training slot that is closest to where the jaw closed, if it is close enough.
 
         Objects are assumed to be at their initial positions, within the jitter of their slots. As in the simulated
-        diagnosis, an object named in the instruction is considered missed if it is at most ``doubt`` farther away than
-        an empty slot.
+        diagnosis, an object that the instruction names is preferred to an empty slot, unless it is farther away by more
+        than ``doubt``.
         """
         x, picked = self.exposure, {s for slots in self.exposure.trained.kind_slots.values() for s in slots}
         found: list[Place] = []
@@ -278,7 +278,11 @@ def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> Rea
 
 
 def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float, still: str) -> RealLabel:
-    """Return the label of an arm that stands still with steps left to do: phase conflict I or an early halt."""
+    """Return the label of an arm that stands still although steps are left to do.
+
+    The label is phase conflict I if the scene looks like the middle of a demonstration and no grasp was attempted.
+    Otherwise, it is early halt.
+    """
     left = listed([f"the {kind}" for kind in setting.due])
     if setting.half_done and not signals.attempts:
         text = f"{still}, and the scene looks like the middle of a demonstration (phase conflict I). Due: {left}."
@@ -288,7 +292,7 @@ def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float,
 
 
 def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label for the outcome that every requested object is in the basket at the end."""
+    """Return the label for a trial in which the judges saw every requested object in the basket at the end."""
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
@@ -336,7 +340,7 @@ def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label for the outcome that only some objects were packed and the arm reached for no other object."""
+    """Return the label for a trial in which only some objects were packed and the arm reached for no other object."""
     del judged
     last = max((c.over_s for c in signals.grasps if c.let_go_s is not None), default=0.0)
     after = [c for c in signals.attempts if c.start_s > last]
@@ -361,7 +365,7 @@ def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
 
 
 def _froze(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label for the outcome that the arm stood still."""
+    """Return the label for a trial in which the judges saw the arm stand still."""
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
@@ -381,7 +385,7 @@ def _grasped_nothing(setting: Setting, signals: JointSignals, judged: Judged) ->
 
 
 def _air_grasp(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label for a trial in which the last closing of the jaw was without an object."""
+    """Return the label for a trial in which the judges saw the jaw close without an object."""
     empty = [c for c in signals.attempts if not c.holds]
     last = empty[-1]
     if setting.rest_absent and setting.expected is Expected.STAY_STILL:
@@ -428,9 +432,9 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label for the outcome that a wrong object was grasped.
+    """Return the label for a trial in which the judges saw the arm grasp a wrong object.
 
-    Which label is assigned depends on the position at which the jaw closed.
+    The label depends on the position at which the jaw closed.
     """
     del judged
     others = []
@@ -450,7 +454,7 @@ def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> Re
 
 
 def _missed(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label for the outcome that an attempt at a correct object failed."""
+    """Return the label for a trial in which the judges saw a failed attempt at a correct object."""
     del setting, judged
     lost = [c for c in signals.grasps if c.lost_s is not None]
     last = lost[-1] if lost else signals.attempts[-1] if signals.attempts else None

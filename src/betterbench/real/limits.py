@@ -92,7 +92,7 @@ class SafetyLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limited:
-    """Command (6,) after all limits were applied, and the names of the limits that changed it."""
+    """Command (6,) to which all limits were applied, and the names of the limits that changed it."""
 
     command: np.ndarray
     by: tuple[str, ...]
@@ -185,7 +185,7 @@ class Limiter:
         return Limited(self._last.copy(), tuple(by))
 
     def _scaled(self, step: np.ndarray) -> np.ndarray:
-        """Return a step scaled down to the maximum speed. All arm joints are scaled by the same factor."""
+        """Return a step that is scaled down to the maximum speed. All arm joints are scaled by the same factor."""
         ratio = float(np.max(np.abs(step[_ARM]) / self.most_step[_ARM]))
         arm = step[_ARM] / ratio if ratio > 1.0 else step[_ARM]
         most = self.most_step[_GRIPPER]
@@ -217,7 +217,7 @@ class Limiter:
         return float(np.linalg.norm(beyond))
 
     def _watch(self, state: np.ndarray, load: np.ndarray) -> None:
-        """Raise LimitError if an arm joint has been overloaded, or has not followed its command, for too long."""
+        """Raise LimitError if an arm joint was overloaded, or did not follow its command, for too long."""
         over = np.abs(np.nan_to_num(load[_ARM])) > self.limits.load
         lagging = np.abs(self._last - state)[_ARM] > self._stall
         self._over_s = np.where(over, self._over_s + self._period_s, 0.0)

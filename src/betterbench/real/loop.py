@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """Error for an aborted trial, which does not count. The message states the reason."""
+    """Error for an aborted trial. The attempt does not count. The message states why it was aborted."""
 
 
 @dataclass(slots=True)
@@ -66,7 +66,10 @@ class Controls:
 
 
 class Pace:
-    """Timer for control steps. A late step delays all following steps, so that the arm never speeds up to catch up."""
+    """Timer for control steps.
+
+    If a step is late, all following steps are delayed as well, so that the arm never moves faster to catch up.
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s, self._due, self.late_steps = 1.0 / rate_hz, time.monotonic(), 0
@@ -105,7 +108,7 @@ class TrialRun:
     """Execution and recording of one attempt at a trial.
 
     Attributes:
-        left_busy: Whether the policy was still computing an answer at the end of the trial.
+        left_busy: Whether the policy was still computing an answer when the trial ended.
     """
 
     def __init__(

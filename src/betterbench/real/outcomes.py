@@ -19,7 +19,7 @@ class Outcome:
         name: Name in the entries ("air_grasp").
         key: Key on the pages.
         title: Short title.
-        definition: Description of what a person must see to enter the outcome.
+        definition: Description of the behavior that a person must see to enter the outcome.
         scored: False if the trial is invalid and must be repeated.
     """
 

@@ -1,12 +1,13 @@
 """Agreement, for each object, between the live image of the front camera and the rendered image of the simulated twin.
 
-For each visible object of the twin, the rendered object and its surroundings are searched for in the live image. The
-similarity is the normalized cross-correlation over the object and a border. The mean of each color channel is removed,
-and each channel is scaled, so that the result does not depend on the brightness or tint. The best shift gives the
-position of the object, which the camera geometry converts to centimeters on the table.
+For each visible object of the twin, the live image is searched for the rendered object and its surroundings. The
+similarity is the normalized cross-correlation over the object and a border around it. The mean of each color channel is
+removed, and each channel is scaled, so that the result does not depend on the brightness or tint. The shift with the
+highest similarity gives the position of the object, which is converted to centimeters on the table by the camera
+geometry.
 
 The correlation compares shapes and color contrasts. It cannot detect additional objects. The color of the tablecloth is
-compared around the objects, by the ratio of green to blue.
+compared next to the objects, by the ratio of green to blue.
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ class ObjectAgreement:
 
     Attributes:
         name: Name of the object.
-        score: Correlation at the planned position, 0 to 1.
-        best: Correlation at the best shift.
-        off_m: Offset from the planned position along x (away from the arm) and y (to the arm's left) [m].
+        score: Correlation at the planned position, from 0 to 1.
+        best: Correlation at the position where it is highest.
+        off_m: Offset of this position from the planned one, along x (away from the arm) and y (to the arm's left) [m].
     """
 
     name: str
@@ -103,7 +104,7 @@ class Agreement:
 
     @property
     def score(self) -> float:
-        """Lowest score of all objects, 0 to 1; 1 if no object was compared."""
+        """Lowest score of the compared objects, from 0 to 1; 1 if no object was compared."""
         return min((o.score for o in self.objects), default=1.0)
 
     @property
@@ -139,7 +140,10 @@ def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
 
 
 def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
-    """Return the color of the twin's tablecloth if the live image shows a different one around the objects; else ""."""
+    """Return the color of the twin's tablecloth if the live image shows a different tablecloth; otherwise "".
+
+    The colors are compared next to the objects.
+    """
     if not twin.cloth:
         return ""
     objects = np.logical_or.reduce(list(twin.masks.values()))
@@ -190,7 +194,7 @@ def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> Ob
 
 
 def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the correlation of a template with the live image, for each of m shifts.
+    """Return the correlation (m,) of a template with the live image for each of m shifts.
 
     Each channel is scaled by its best-fitting factor, so that a tint does not change the result. A point outside the
     image has the color of the nearest pixel.
@@ -215,7 +219,7 @@ def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, sh
 
 
 def _grown(mask: np.ndarray) -> np.ndarray:
-    """Return a mask enlarged by the border. SciPy is not imported for this."""
+    """Return a mask enlarged by the width of the border. NumPy suffices for this, so SciPy is not imported."""
     grown = mask.copy()
     for _ in range(BORDER_PX):
         padded = np.pad(grown, 1)

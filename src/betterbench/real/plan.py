@@ -1,7 +1,7 @@
 """Immutable plan of a protocol on a real arm: conditions and policies in randomized blocks.
 
-A block contains each condition once per policy. The conditions of a block are in random order. All policies run a
-condition one after the other, so that the scene is set up only once, and they take turns in running first. Drift in
+A block contains each condition once per policy. The conditions of a block are in random order. All policies run the
+same condition one after the other, so that the scene is set up only once. They take turns in running first. Drift in
 lighting or calibration then affects all policies equally. Each trial has a code ("K7Q") that reveals neither condition
 nor policy.
 
@@ -159,7 +159,7 @@ def _require_different(where: str, names: Sequence[str]) -> None:
 
 
 def same_name(first: str, second: str) -> bool:
-    """Return whether two names differ at most in case, spaces and Unicode forms."""
+    """Return whether two names are equal apart from case, spaces and Unicode forms."""
     plain = [" ".join(unicodedata.normalize("NFKC", name).casefold().split()) for name in (first, second)]
     return plain[0] == plain[1]
 
@@ -180,7 +180,10 @@ def _require_readable(names: Sequence[str]) -> None:
 
 
 def matrix_conditions(task: str) -> tuple[str, ...]:
-    """Return the first condition in each cell of a task's diagnostic matrices, which are the default of a protocol."""
+    """Return the first condition in each cell of a task's diagnostic matrices.
+
+    A protocol uses these conditions by default.
+    """
     found = get_task(task)
     if not found.matrices:
         cure = "Give --conditions, or a task with diagnostic matrices, such as fruit_basket"
@@ -247,7 +250,7 @@ def _stream(seed: int, purpose: str) -> np.random.Generator:
 def _ordered(
     conditions: Sequence[str], policies: Sequence[str], repeats: int, seed: int
 ) -> list[tuple[int, int, str, str]]:
-    """Return block, scene seed, condition and policy of all trials, in order."""
+    """Return the trials in order, each as a tuple of block, scene seed, condition and policy."""
     found = []
     for block in range(repeats):
         order = _stream(seed, f"order {block}")

@@ -82,7 +82,7 @@ class Samples:
         asked: (T, 6) positions requested by the policy; NaN if the policy did not answer in time and the arm held its
             position.
         load: (T, 6) signed load of each motor as a fraction of its maximum; NaN if the robot does not report it.
-        late: (T,) whether a camera frame was older than one control step.
+        late: (T,) whether any camera frame was older than one control step.
         limited: (T,) whether the safety limits changed the command.
     """
 
@@ -276,7 +276,7 @@ class TrialProgress:
 
 
 def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
-    """Parse the lines of a journal. Return the events, and the hash link of the last line."""
+    """Parse the lines of a journal. Return its events, and the hash that links the next line to the last one."""
     found, link = [], ""
     for number, (form, after) in enumerate(linked_forms(path, lines, cure=_JOURNAL_CURE), start=1):
         where = f"{path}: line {number}"
@@ -306,7 +306,7 @@ def _recorded(folder: Path, plan: RealPlan) -> set[str]:
 
 
 def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
-    """Raise RecordError if the journal has lost lines, so that it does not list a trial whose record exists.
+    """Raise RecordError if a recorded trial is missing in the journal, which has then lost lines.
 
     Without this check, the trial would be repeated and its record moved away. An attempt is listed in the journal
     before its folder is created. ``recorded`` has the codes of the trials that had a header before the journal was
@@ -480,7 +480,10 @@ class Entry:
 
     @property
     def content(self) -> str:
-        """Hash of the trial, attempt, person and role. A later entry with the same hash replaces an earlier one."""
+        """Hash of the trial, the attempt, the person and the role.
+
+        A later entry with the same hash replaces an earlier one.
+        """
         subject = [self.code, self.attempt, self.author, self.role]
         return content_digest("betterbench real entry", dump_json(subject))
 
@@ -745,7 +748,7 @@ def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -
 
 
 def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ...]:
-    """Read all lines of an entries file. Raise RecordError for an entry about an attempt that never began."""
+    """Read all lines of an entries file. Raise RecordError for an entry about an attempt that was never started."""
     entries = read_decisions(_ENTRY, path) if path.exists() else ()
     for number, entry in enumerate(entries, start=1):
         known = states.get(entry.code)
@@ -759,6 +762,9 @@ def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ..
 
 
 def _standing(entries: Sequence[Entry], path: Path) -> list[Entry]:
-    """Return the last entry of each person, role and attempt, without undone entries, in the order of the file."""
+    """Return the last entry of each person, role and attempt, in the order of the file.
+
+    Entries that were undone are left out.
+    """
     lasts = [history.last for history in histories(entries, str(path)).values()]
     return [last[1] for last in sorted((last for last in lasts if last is not None), key=lambda last: last[0])]

@@ -39,7 +39,7 @@ def write_real_page(results: RealResults, path: Path) -> Path:
 
 
 def _tone(cell: Cell) -> str:
-    """Return the color class of a matrix cell, which shows whether all, some or none of its trials succeeded."""
+    """Return the color class of a matrix cell, which shows whether all, some or none of the trials succeeded."""
     if cell.success.k == cell.success.n:
         return "good"
     return "poor" if cell.success.k == 0 else "mixed"

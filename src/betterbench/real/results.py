@@ -1,9 +1,9 @@
 """Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the order.
 
 The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
-counted separately for each cell. A trial whose files differ from the recorded ones is damaged: it is listed as unscored
-and excluded from all other numbers. If runs on the simulated twin are given, each cell is compared with the simulated
-cell.
+counted separately for each cell. A trial is damaged if its files differ from the recorded ones. It is then listed as
+unscored and excluded from all other numbers. If runs on the simulated twin are given, each cell is compared with the
+same cell in simulation.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ class JudgedTrial:
         label: Label of the trial, with its evidence.
         signals: Joint signals, or None if there are too few samples.
         judged: Combined entries of the judges.
-        ambiguous: Whether the premise of the condition is broken, so that no behavior is considered a failure.
+        ambiguous: Whether the scene of the condition contradicts its instruction, so that no behavior is considered a
+            failure.
     """
 
     trial: RealTrial
@@ -94,7 +95,7 @@ class Counts:
     Attributes:
         right: Number of trials with a correct outcome.
         failed: Number of failed trials.
-        ambiguous: Number of labeled trials of conditions with a broken premise.
+        ambiguous: Number of labeled trials of conditions whose scene contradicts the instruction.
         unscored: Number of finished trials without a label, including damaged trials.
         open: Number of unfinished trials.
         contradictions: Number of unscored trials in which the judges' entries contradict the joint states.
@@ -111,7 +112,7 @@ class Counts:
 
     @classmethod
     def of(cls, trials: Sequence[JudgedTrial], damaged: int, planned: int) -> Counts:
-        """Count the trials of a policy by result.
+        """Count the planned trials of a policy by their result.
 
         Args:
             trials: Finished trials with their labels.
@@ -174,7 +175,7 @@ class PolicyResult:
     """Results of one policy on the task.
 
     Attributes:
-        policy: The policy.
+        policy: Policy with its name and address.
         task: Name of the task.
         trials: Finished trials of the policy, without damaged trials.
         damaged: Finished but damaged trials of the policy.
@@ -197,7 +198,7 @@ class PolicyResult:
 
     @property
     def labels(self) -> tuple[tuple[str, int], ...]:
-        """Labels with the number of trials that have them, most frequent first. Ambiguous trials are left out."""
+        """Labels with the number of trials that have each, most frequent first. Ambiguous trials are left out."""
         counts = Counter(t.label.name for t in self.trials if not t.ambiguous)
         counts.update(UNSCORED for t in self.damaged if not _is_ambiguous(t.planned, self.task))
         return tuple(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
@@ -285,9 +286,9 @@ class CellComparison:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether real arm and simulation both succeed in more than half of the trials, or both do not.
+        """Whether the policy mostly succeeds both on the real arm and in simulation, or in neither.
 
-        None if the cell is not comparable.
+        "Mostly" means in more than half of the trials. None if the cell is not comparable.
         """
         return (2 * self.real.k > self.real.n) is (2 * self.simulated.k > self.simulated.n) if self.comparable else None
 
@@ -341,9 +342,10 @@ class RealResults:
     """Results of a protocol.
 
     Attributes:
-        run: The protocol. Its ``damaged`` also includes trials with damage in files other than the header.
+        run: Content of the protocol folder. Its ``damaged`` also includes trials with damage in files other than the
+            header.
         policies: Results of each policy.
-        agreements: Agreement between raters.
+        agreements: Agreement of each pair of raters.
         order: Check of the order in which trials were run.
         twins: Comparisons with simulated runs.
     """
@@ -474,7 +476,7 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
 
 
 def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
-    """Convert a real trial to the form of a diagnosed simulated trial, for the matrices of the report."""
+    """Convert a real trial to a diagnosed trial as it results from simulation, for the matrices of the report."""
     planned, found = judged.trial.planned, judged.label
     resolved = resolve_condition(run.plan.task, planned.condition)
     right = label.kind is Kind.NONE

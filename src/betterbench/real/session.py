@@ -87,7 +87,7 @@ class SessionView:
         planned: Number of planned trials.
         instruction: Instruction of the current trial.
         cloth: Color of the tablecloth; empty if there is none.
-        steps: Instructions for placing each object.
+        steps: Instructions for setting up the objects, one per object.
         armed: Whether the switch of the arm is on.
         why_off: Reason why the switch is off.
         message: Latest message to the operator.
@@ -116,9 +116,9 @@ class SessionView:
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """Current trial and stage, with setup steps and the twin's image. They are replaced together.
+    """Current trial and stage, together with the setup steps and the image of the twin.
 
-    A page therefore never shows a mixture of two trials.
+    The object is replaced as a whole, so that a page never shows a mixture of two trials.
     """
 
     trial: PlannedTrial | None = None
@@ -128,7 +128,7 @@ class _Shown:
 
 
 class RealSession:
-    """Session of an operator with a protocol folder. As a context manager, it closes the session at the end.
+    """Session of an operator with a protocol folder. If used as a context manager, it is closed at the end.
 
     Raises:
         RunConflictError: If another process is running the protocol.
@@ -327,7 +327,7 @@ class RealSession:
             self._say(f"{where}: set up the scene. {f'Tablecloth: {cloth}. ' if cloth else ''}{told}.")
 
     def _look(self) -> None:
-        """Read the robot. At regular intervals, measure the agreement between the scene and its twin too."""
+        """Read the robot. At regular intervals, also measure the agreement between the scene and its twin."""
         if self._shown.stage is Stage.DONE:
             return
         try:

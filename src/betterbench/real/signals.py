@@ -1,9 +1,9 @@
-"""Signals of a trial from joint states only: rest, back-and-forth motion, closings of the jaw, and repeated approaches.
+"""Signals computed from joint states only: rest, back-and-forth motion, closings of the jaw, and repeated approaches.
 
-Records of a real arm contain no contacts and no object poses. Rest and motion are judged from the path of the tool,
-which is computed by the forward kinematics of the simulated arm, with the rules of the simulated diagnosis
-(``diagnosis.analysis.paths``). A jaw that stops before its commanded position, or has a load, holds an object. All
-thresholds are in ``diagnosis.thresholds``.
+Records of a real arm contain no contacts and no object poses. The path of the tool is therefore computed by the forward
+kinematics of the simulated arm, and rest and motion are judged from this path by the rules of the simulated diagnosis
+(``diagnosis.analysis.paths``). A jaw is assumed to hold an object if it stops before its commanded position or has a
+load. All thresholds are in ``diagnosis.thresholds``.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Grip(StrEnum):
 
     ``OBJECT``: the jaw stopped before its commanded position, or has a load. ``NOTHING``: the opening is too small for
     an object. ``PRESET``: the jaw reached its commanded position without a load, at an opening that fits an object.
-    ``UNKNOWN``: before the jaw stopped, the trial ended or the jaw opened again.
+    ``UNKNOWN``: the trial ended, or the jaw opened again, before the jaw stopped.
     """
 
     OBJECT = "object"
@@ -78,7 +78,7 @@ class Closing:
         y: y coordinate of the tool when the jaw stopped [m].
         z: z coordinate of the tool when the jaw stopped [m].
         let_go_s: Time at which the jaw opens again [s]; None if it stays closed.
-        lost_s: Time at which a held object slipped out of the closed jaw [s]; None if none slipped out.
+        lost_s: Time at which a held object slipped out of the closed jaw [s]; None if no object slipped out.
         lifted_m: Largest rise of the tool while the jaw is closed [m].
         carried_m: Horizontal distance of the tool between the closing and the next opening [m]. If the jaw does not
             open again, the end of the trial is used instead of the opening.
@@ -114,13 +114,13 @@ class Closing:
     def is_attempt(self) -> bool:
         """Whether the closing is a grasp attempt.
 
-        A grasp attempt is low enough to grasp an object. The jaw may remain empty.
+        This is the case if the tool is low enough to grasp an object, even if the jaw remains empty.
         """
         return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
 
     @property
     def over_s(self) -> float:
-        """Time at which the closing is over [s]: the jaw opened again, lost the object, or stopped."""
+        """Time at which the closing is over [s]. The jaw has then opened again, lost the object, or stopped."""
         return self.end_s if self.let_go_s is None and self.lost_s is None else (self.lost_s or self.let_go_s or 0.0)
 
 
@@ -134,10 +134,10 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """Repeated descents of an empty gripper to one place.
+    """Repeated descents of an empty gripper to the same place.
 
     Attributes:
-        count: Number of descents. Each was broken off.
+        count: Number of descents, none of which picked up an object.
         start_s: Start of the first descent [s].
         end_s: End of the last descent [s].
         x: Mean x coordinate of the place in the base frame [m].
@@ -159,8 +159,9 @@ class JointSignals:
         duration_s: Duration of the trial [s].
         reach_m: Largest distance of the tool from its initial position [m].
         path_m: Length of the path of the tool, without encoder noise [m].
-        freeze: Interval of rest until the end of the trial; None if it is too short for a halt.
-        to_and_fro: Interval in which the empty gripper moves back and forth until the end; None if it does not.
+        freeze: Interval in which the arm rests until the end of the trial; None if it is too short to count as a halt.
+        to_and_fro: Interval in which the empty gripper moves back and forth until the end; None if there is no such
+            motion.
         closings: Closings of the jaw in order of time.
         repeated: Repeated approaches to one place without an object in the jaw; None if there are none.
         load_known: Whether the robot reported the load of the gripper's motor.
@@ -194,7 +195,7 @@ class JointSignals:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool rests at the end of the trial for as long as a policy must rest when it is finished."""
+        """Whether the tool rests at the end of the trial for as long as a policy has to rest after finishing a task."""
         return self.freeze is not None and self.freeze.end_s - self.freeze.start_s >= THRESHOLDS.settle_time
 
 
@@ -255,7 +256,7 @@ def _resampled(at: Floats, time: Floats, values: Floats) -> Floats:
 def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
     """Return the forward kinematics of the simulated arm.
 
-    It maps five joint angles [rad] to the tool position in the base frame [m].
+    This function maps five joint angles [rad] to the position of the tool in the base frame [m].
     """
     solver = ArmIK(robot(ROBOT))
 
@@ -294,7 +295,7 @@ def signals_of(track: JointTrack) -> JointSignals:
 
 
 def _steady(tool: Floats, track: JointTrack) -> Floats:
-    """Return the path averaged over ``stillness_window``, which removes encoder noise."""
+    """Return the path of the tool, averaged over ``stillness_window`` to remove encoder noise."""
     half = track.steps(THRESHOLDS.stillness_window) // 2
     if not half or len(tool) <= 2 * half:
         return tool
@@ -313,10 +314,10 @@ def _span(track: JointTrack, first: int, last: int) -> Span:
 
 
 def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Span | None:
-    """Return the final rest of the arm, or None if the arm does not come to rest.
+    """Return the interval in which the arm rests until the end, or None if it does not come to rest.
 
-    The arm is still for ``halt_time`` or trembles in place for ``tremble_time``. An arm whose jaw closes or opens has
-    not halted.
+    The arm must be still for ``halt_time``, or tremble in place for ``tremble_time``. It does not count as resting
+    while the jaw closes or opens.
     """
     still = still_rows(tool, track.rate_hz)
     busy = max((track.steps(c.let_go_s or c.end_s) + track.steps(THRESHOLDS.stop_time) for c in closings), default=0)
@@ -333,7 +334,7 @@ def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Spa
 
 
 def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
-    """Return the interval in which the empty gripper moves back and forth until the end, or None if it does not."""
+    """Return the interval in which the empty gripper moves back and forth until the end, or None if there is none."""
     if len(tool) - first < track.steps(THRESHOLDS.halt_time):
         return None
     # one position per window, because encoder noise would add up along the path
@@ -343,7 +344,7 @@ def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
 
 
 def _repeated(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Approach | None:
-    """Return the largest group of descents to one place without an object in the jaw.
+    """Return the largest group of descents to the same place without an object in the jaw.
 
     Return None if there is no group of at least ``returns`` descents.
     """
@@ -368,7 +369,10 @@ def _ends(span: Span) -> tuple[float, float]:
 
 
 def _descents(height: Floats) -> list[int]:
-    """Return the lowest row of each descent by at least ``risen_again`` that is followed by a rise of the same size."""
+    """Return the lowest row of each descent.
+
+    A descent is a fall of the tool by at least ``risen_again`` that is followed by a rise of the same size.
+    """
     found: list[int] = []
     top, low, falling = float(height[0]), 0, False
     for row, z in enumerate(height.tolist()):
@@ -442,7 +446,7 @@ def _falls(track: JointTrack) -> list[tuple[int, int]]:
 
 
 def _begins(opening: Floats, top: int, row: int) -> int:
-    """Return the last row before a closing at which the jaw was still open, within its backlash."""
+    """Return the last row before a closing at which the jaw was still fully open, apart from its backlash."""
     fallen = np.flatnonzero(opening[top : row + 1] >= opening[top] - JAW_RESTS)
     return top + int(fallen[-1])
 
@@ -478,14 +482,17 @@ def _grip(track: JointTrack, end: int) -> Grip:
 
 
 def _opens_after(opening: Floats, row: int) -> int | None:
-    """Return the first later row at which the jaw is wider by ``jaw_moves`` than at its narrowest, or None."""
+    """Return the first later row at which the jaw has opened again, or None.
+
+    It has opened again if it is wider by ``jaw_moves`` than at its narrowest.
+    """
     low = np.minimum.accumulate(opening[row:])
     wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)
     return row + int(wider[0]) if wider.size else None
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which a jaw that held an object closes further because the object is lost, or None."""
+    """Return the row at which a jaw closes further because it has lost the object that it held, or None."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

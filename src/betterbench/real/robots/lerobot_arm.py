@@ -138,7 +138,7 @@ class LeRobotArm:
         """Do nothing, because a person sets up the real scene."""
 
     def read(self) -> Reading:
-        """Read positions, loads and the newest frames. Raises RobotError if the motors do not answer."""
+        """Read positions, loads and the newest frames. Raise RobotError if the motors do not answer."""
         bus = self._connected.bus
         try:
             positions = read_motors(bus, "Present_Position")
@@ -150,7 +150,7 @@ class LeRobotArm:
         return Reading(self.now(), state, load, dict(self._frames))
 
     def command(self, positions: np.ndarray) -> None:
-        """Send target positions to the motors. Raises RobotError if the motors do not answer."""
+        """Send target positions to the motors. Raise RobotError if the motors do not answer."""
         bus = self._connected.bus
         goals = {motor: float(value) for motor, value in zip(SO101_MOTORS, positions, strict=True)}
         try:
@@ -197,7 +197,10 @@ class LeRobotArm:
         return RobotError(f"The motors do not answer ({told}). Check the USB cable, the power and the wires.")
 
     def _watch(self, name: str, camera: Any) -> None:  # noqa: ANN401 - lerobot's Camera
-        """Store the newest frame of a camera. If the camera fails, its last frame is kept and becomes too old."""
+        """Store the newest frame of a camera.
+
+        If the camera fails, its last frame is kept. The control loop then finds that this frame is too old.
+        """
         while not self._is_over.is_set():
             try:
                 image = np.asarray(camera.async_read(timeout_ms=500))
@@ -208,5 +211,8 @@ class LeRobotArm:
 
 
 def _signed(load: int) -> int:
-    """Return a signed load. Newer versions of LeRobot decode the sign, older versions return the raw sign bit."""
+    """Return a signed load.
+
+    Newer versions of LeRobot decode the sign of a load, whereas older versions return a raw value with a sign bit.
+    """
     return load if abs(load) < _LOAD_SIGN else _LOAD_SIGN - load

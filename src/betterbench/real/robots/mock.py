@@ -73,7 +73,7 @@ class MockFaults:
 
 
 class MockRobot:
-    """A simulated SO-101 that behaves like the real arm.
+    """Simulated SO-101 that is used in place of the real arm.
 
     It implements :class:`~betterbench.real.robots.robot.Robot`.
     """
@@ -144,7 +144,7 @@ class MockRobot:
 
     @property
     def scene(self) -> Scene:
-        """Scene of the current trial. Raises RobotError if :meth:`set_up` has not been called."""
+        """Scene of the current trial. Raise RobotError if :meth:`set_up` has not been called."""
         if self._scene is None:
             raise RobotError("The mock has no scene. Call set_up with a trial.")
         return self._scene
@@ -214,7 +214,10 @@ class MockRobot:
         return np.asarray(np.clip(2.0 * lag, -1.0, 1.0))
 
     def _look(self, now: float, *, faulty: bool) -> None:
-        """Render a frame unless it is to be dropped, and deliver the frames whose latency has passed."""
+        """Render a frame, unless the frame is to be dropped.
+
+        Frames whose latency has passed become the newest frames of the cameras.
+        """
         self._reads += 1
         if not (self.faults.drop_every and self._reads % self.faults.drop_every == 0 and self._shown):
             views = self.scene.views(self._looks, self._renderers)

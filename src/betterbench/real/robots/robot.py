@@ -15,7 +15,7 @@ from betterbench.real.plan import PlannedTrial
 class RobotError(BetterError):
     """Error for a robot that cannot be reached or read. It aborts the trial.
 
-    The message names the part that failed, and what to check.
+    The message names the part that failed, and states what to check.
     """
 
 
@@ -61,7 +61,7 @@ class Robot(Protocol):
         """Camera names. The first camera shows the whole scene."""
 
     def connect(self) -> None:
-        """Open the connection without moving the arm. Raises RobotError or MissingDependencyError."""
+        """Open the connection without moving the arm. Raise RobotError or MissingDependencyError if this fails."""
 
     def now(self) -> float:
         """Return the time on the robot's monotonic clock [s]."""
@@ -70,13 +70,13 @@ class Robot(Protocol):
         """Set up the scene of a trial on a simulated robot. On a real robot, a person does this."""
 
     def read(self) -> Reading:
-        """Read the state of the robot. Raises RobotError if it cannot be read."""
+        """Read the state of the robot. Raise RobotError if it cannot be read."""
 
     def command(self, positions: np.ndarray) -> None:
-        """Send target positions (6,) in the unit of the plan. Raises RobotError if the robot does not answer."""
+        """Send target positions (6,) in the unit of the plan. Raise RobotError if the robot does not answer."""
 
     def release(self) -> None:
-        """Switch off the torque of all motors, so that the arm sinks. Raises RobotError if a motor does not answer."""
+        """Switch off the torque of all motors, so that the arm sinks. Raise RobotError if a motor does not answer."""
 
     def disconnect(self) -> None:
         """Close the connection and leave the arm where it is. It is safe to call this method more than once."""

@@ -27,7 +27,7 @@ def annotated(image: np.ndarray, camera: MeasuredCamera, twin: CameraPose) -> Im
     Args:
         image: Image (height, width, 3) uint8 RGB from which the camera was measured.
         camera: Measured camera.
-        twin: Pose of the camera in the simulated twin of the scene.
+        twin: Pose of the front camera in the simulated twin of the scene.
     """
     height, width = image.shape[:2]
     pen_width = max(2, round(width / 320))
@@ -52,7 +52,7 @@ def annotated(image: np.ndarray, camera: MeasuredCamera, twin: CameraPose) -> Im
 
 
 def _seen(points: np.ndarray, pose: CameraPose, shape: tuple[int, int]) -> np.ndarray | None:
-    """Return the (n, 2) pixels at which an undistorted camera sees points (n, 3) of the base frame.
+    """Return the pixels (n, 2) at which a camera without distortion sees points (n, 3) of the base frame.
 
     Return None if a point is behind the camera.
     """
@@ -65,7 +65,7 @@ def _seen(points: np.ndarray, pose: CameraPose, shape: tuple[int, int]) -> np.nd
 
 
 def _with_legend(drawn: Image.Image, font: ImageFont.ImageFont | ImageFont.FreeTypeFont) -> Image.Image:
-    """Return the image extended by a line at the bottom that explains the colors."""
+    """Return the image with an additional line at the bottom that explains the colors."""
     line = round(1.6 * font.getbbox("Hg")[3])
     whole = Image.new("RGB", (drawn.width, drawn.height + line), (20, 20, 20))
     whole.paste(drawn, (0, 0))

@@ -3,7 +3,7 @@
 OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and first
 distortion coefficient are estimated together with the pose. All markers are in one plane, but the camera looks at the
 plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution show how
-well they are determined.
+well these two values are determined.
 
 A camera pose is a position [m] in the arm's base frame (x ahead, y left, z up) and the camera's axes in OpenCV's
 convention: x to the right of the image, y downward, z along the view.
@@ -107,7 +107,7 @@ class MeasuredCamera:
         pose: Pose and field of view of the camera.
         corners_px: (4, 2) image corners of each detected marker that the solution uses, by marker number.
         error_px: Root mean square reprojection error [pixels].
-        spread_m: Standard deviation of the position, estimated from the residuals [m].
+        spread_m: Standard deviation of the camera position, estimated from the residuals [m].
         distortion: First radial distortion coefficient.
         blur_px: Median width of the marker edges [pixels].
     """
@@ -182,7 +182,7 @@ class CameraCorrection:
 
 
 def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Describe the components of a motion in words, the largest component first."""
+    """Describe the components of a motion in words, the largest component first. Small components are left out."""
     order = sorted(range(len(values)), key=lambda k: -abs(values[k]))
     told = []
     for k in order:
@@ -211,9 +211,9 @@ def mounted(mount: CameraMount) -> CameraPose:
 
 
 def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
-    """Return the motion that moves a real camera to the pose of the simulated camera.
+    """Return the motion that brings a real camera to the pose of the simulated camera.
 
-    The translation comes before the rotation.
+    The translation is applied before the rotation.
     """
     turn, _ = opencv().Rodrigues(camera.axes.T @ twin.axes)
     return CameraCorrection(
@@ -265,7 +265,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
 def _trusted(
     found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
 ) -> MeasuredCamera:
-    """Solve for the camera from the markers. Raise InvalidInputError if the solution is not reliable."""
+    """Compute the camera pose from the markers. Raise InvalidInputError if the result is not reliable."""
     found = dict(found)
     camera, residuals = _solved(found, shape, scale, fovy_deg, blur)
     for _ in range(MOST_LEFT_OUT):
@@ -299,7 +299,11 @@ def _trusted(
 
 
 def _require_ruler(ruler_mm: float) -> None:
-    """Raise InvalidInputError if the ruler length is invalid, has another unit, or shows that the sheet was scaled."""
+    """Raise InvalidInputError if the measured length of the printed ruler is not plausible.
+
+    This is the case if it is not a valid length, seems to have another unit, or shows that the sheet was scaled in
+    print.
+    """
     if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
         return
     if not (math.isfinite(ruler_mm) and ruler_mm > 0.0):
@@ -349,7 +353,10 @@ def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return the largest distance of corners from their expected positions if a page were at a given place [mm]."""
+    """Return how well the markers of a page fit if this page lies at the place of another page.
+
+    The result is the largest distance of a marker corner from its expected position [mm].
+    """
     center, there = (np.array([0.5 * (a.x_low + a.x_high), 0.5 * (a.y_low + a.y_high)]) for a in (tile, place))
     way = -1.0 if turned else 1.0
     return max(
@@ -419,7 +426,7 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
 
 
 def _edge_width(gray: np.ndarray, corners: np.ndarray) -> float:
-    """Return the median width of the outer edges of a marker, from 10 to 90 % brightness [pixels]."""
+    """Return the median width of the outer edges of a marker [pixels], measured from 10 to 90 % brightness."""
     center, widths = corners.mean(axis=0), []
     cell = 0.5 / 6.0  # half a cell, as a fraction of the marker's side
     for k in range(4):
@@ -450,7 +457,10 @@ def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 
 
 
 def _sharpest_edge(gray: np.ndarray) -> float:
-    """Return the width of the sharpest edges in an image [pixels]: the contrast divided by the steepest slope."""
+    """Return the width of the sharpest edges in an image [pixels].
+
+    It is the contrast of the image divided by its steepest slope.
+    """
     smooth = opencv().GaussianBlur(gray, (0, 0), 0.7).astype(float)
     low, high = np.percentile(smooth, (1.0, 99.0))
     slopes = np.hypot(np.diff(smooth, axis=1)[:-1], np.diff(smooth, axis=0)[:, :-1])
@@ -470,7 +480,7 @@ def _points(markers: Sequence[int], scale: float) -> np.ndarray:
 def _solved(
     found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
 ) -> tuple[MeasuredCamera, dict[int, float]]:
-    """Solve for the camera. Return it with the reprojection error of each marker [pixels]."""
+    """Compute the camera pose from the markers, and return it with the reprojection error of each marker [pixels]."""
     cv2 = opencv()
     height, width = shape
     points, pixels = _points(list(found), scale), np.concatenate(list(found.values())).astype(np.float32)
@@ -500,8 +510,8 @@ def _solved(
 def _marker_scale(found: dict[int, np.ndarray], shape: tuple[int, int], camera: MeasuredCamera) -> float:
     """Return the measured size of the markers on the table, relative to their size on the sheet.
 
-    The distances between markers determine the pose, because they are longer than the markers. If pages were printed
-    smaller but placed at the right distances, the markers therefore appear too small.
+    The pose is determined mainly by the distances between markers, because they are longer than the markers themselves.
+    Markers on pages that were printed too small but placed at the right distances therefore appear too small.
     """
     cv2 = opencv()
     height, width = shape

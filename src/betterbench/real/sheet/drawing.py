@@ -20,8 +20,8 @@ _CURVE = 4.0 / 3.0 * (math.sqrt(2.0) - 1.0)
 class Rect:
     """Rectangle, given by its top left corner and size [mm].
 
-    It is filled with a gray (0 black, 1 white). If ``line`` is above 0, it is outlined with this line width [mm]
-    instead.
+    The rectangle is filled with a gray tone from 0 (black) to 1 (white). If ``line`` is above 0, it is not filled, but
+    outlined with this line width [mm].
     """
 
     x: float
@@ -78,7 +78,7 @@ class Page:
         width: Width of the page [mm].
         height: Height of the page [mm].
         shapes: Shapes that are drawn completely.
-        within: Shapes that are cut off outside of ``clip``. They are drawn first.
+        within: Shapes that are drawn first, and only inside the rectangle ``clip``.
         clip: Rectangle (left, top, width, height) [mm].
     """
 
@@ -168,7 +168,7 @@ def _svg(shape: Shape) -> str:
 def _content(page: Page) -> str:
     """Return the PDF operators that draw a page.
 
-    The first operator sets the unit to millimeters, with y pointing down.
+    The first operator sets the unit to millimeters and lets y point downward.
     """
     scale = _n_exact(POINTS_PER_MM)
     left, top, wide, high = page.clip

@@ -49,7 +49,7 @@ CLEARANCE_MM = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """Rectangle on the table [mm], given by its rear right and front left corners."""
+    """Rectangle on the table [mm], given by its rear right corner and its front left corner."""
 
     x_low: float
     x_high: float
@@ -116,7 +116,7 @@ def cells_of(marker: int) -> np.ndarray:
 def corners_mm(marker: int) -> np.ndarray:
     """Return the (4, 2) positions of a marker's corners [mm] in the order of OpenCV: clockwise from the top left.
 
-    Seen from behind the arm, the top of a marker is on the far side.
+    The top of a marker is the side that is farthest away when seen from behind the arm.
     """
     x, y = MARKERS_MM[marker]
     half = 0.5 * MARKER_MM

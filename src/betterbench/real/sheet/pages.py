@@ -39,7 +39,10 @@ _PALE, _SOFT = 0.82, 0.45
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """Placement of an area of the table on a page: the page position of its far left corner, and a scale."""
+    """Placement of an area of the table on a page.
+
+    It consists of the position on the page of the area's far left corner, and of a scale.
+    """
 
     area: Area
     left: float
@@ -47,7 +50,7 @@ class _Frame:
     scale: float = 1.0
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Return the position on the page of a point on the table."""
+        """Return the position on the page of a given point on the table."""
         return self.left + self.scale * (self.area.y_high - y), self.top + self.scale * (self.area.x_high - x)
 
 
@@ -88,7 +91,10 @@ def _tile(area: Area, name: str, width: float, height: float) -> Page:
 
 
 def _rulers(left: float, below: float, top: float) -> Iterator[Shape]:
-    """Yield rulers below and to the left of a tile, because printers may scale the two directions differently."""
+    """Yield rulers below and to the left of a tile.
+
+    There are two rulers because a printer may scale the two directions differently.
+    """
     y, x = below + 1.5, left - 1.5
     yield Line(left, y, left + RULER_MM, y)
     yield Line(x, top, x, top + RULER_MM)
