@@ -229,9 +229,9 @@ def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
 @pytest.mark.parametrize(
     ("ruler", "says"),
     [
-        (10.0, "seems to be in centimeters. Give millimeters: 100.0"),
-        (3.94, "seems to be in inches. Give millimeters: 100.1"),
-        (0.1, "seems to be in meters. Give millimeters: 100.0"),
+        (10.0, "seems to be in centimeters. Give the length in millimeters: 100.0"),
+        (3.94, "seems to be in inches. Give the length in millimeters: 100.1"),
+        (0.1, "seems to be in meters. Give the length in millimeters: 100.0"),
         (0.0, "0 is not a length. Measure"),
         (-100.0, "-100 is not a length"),
         (float("nan"), "nan is not a length"),

@@ -152,7 +152,9 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
     values = [str(v) for v in value] if isinstance(value, tuple) else [str(value)]
     for text in values:
         if text.startswith("-") and isinstance(value, str | tuple):
-            raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write a path as ./NAME")
+            raise InvalidInputError(
+                f"{path}: {name}", f"{text!r} begins with a dash", "If this is a path, write it as ./NAME"
+            )
     if name in ("task_file", "asset_dir"):  # these options are repeated for each path
         yield from (word for text in values for word in (option, text))
     else:

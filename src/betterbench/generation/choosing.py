@@ -289,7 +289,9 @@ def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Gra
                 raise InvalidInputError("sentence", f"has no noun after {said}", f"Write 'the {word} ...' with a noun")
             example = _EXAMPLES[template]
             problem = f"has {said}, which is not supported in {template}, so the task might differ from the sentence"
-            raise InvalidInputError("sentence", problem, f"Leave it out, or write a sentence such as {example!r}")
+            raise InvalidInputError(
+                "sentence", problem, f"Leave out these words, or write a sentence such as {example!r}"
+            )
 
 
 _EXAMPLES = {

@@ -194,7 +194,7 @@ def require_usable(objects: Iterable[ObjectSpec]) -> None:
         require_grasp(spec)
         size = footprint(spec.category)
         if size.seen_m < SEEN_M:
-            cure = f"The camera needs {mm(SEEN_M)}; choose a larger object"
+            cure = f"The camera needs at least {mm(SEEN_M)}; choose a larger object"
             raise refused(spec, f"can look as small as {mm(size.seen_m)}", cure)
 
 
@@ -275,7 +275,7 @@ def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
                 f"is held so low that the fingers come within {mm(max(0.0, tip - surface))} of the {support.kind} "
                 f"(look {asset.look})"
             )
-            cure = f"They need {mm(CLEAR_M)}; choose a thicker object, or a support without a rim"
+            cure = f"The fingers need {mm(CLEAR_M)}; choose a thicker object, or a support without a rim"
             raise refused(spec, problem, cure)
 
 

@@ -152,7 +152,7 @@ class RealPlan:
 def _require_different(where: str, names: Sequence[str]) -> None:
     """Raise InvalidInputError if a list of names is empty or contains a name twice."""
     if not names:
-        raise InvalidInputError(where, "is empty", "Give at least one")
+        raise InvalidInputError(where, "the list is empty", "Give at least one name")
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
         raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each name once")
@@ -218,7 +218,9 @@ def make_plan(
         resolve_condition(task, name)
     if not 1 <= repeats <= MOST_TRIALS // (len(chosen) * len(names)):
         problem = f"{repeats} blocks of {len(chosen) * len(names)} trials do not give 1 to {MOST_TRIALS} trials"
-        raise InvalidInputError("trials per cell", problem, "Give another number of trials")
+        raise InvalidInputError(
+            "trials per cell", problem, "Choose a number of trials per condition with which the total is in this range"
+        )
     trials = [
         PlannedTrial(code, block, condition, policy, scene_seed)
         for code, (block, scene_seed, condition, policy) in zip(

@@ -112,7 +112,7 @@ def _import(
     if out is None:
         raise InvalidInputError("--out", "no folder for the imported assets is given", "Add --out my_assets")
     if not given:
-        raise InvalidInputError("assets import", "no file was given", "Give mesh, URDF or MJCF files")
+        raise InvalidInputError("assets import", "no file was given", "Name the mesh, URDF or MJCF files to import")
     one_only = {
         "--name": options.name,
         "--size-m": options.size_m,

@@ -124,7 +124,7 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     """Raise InvalidInputError if an option that applies only to data sets was given."""
     for option, value in given.items():
         if value:
-            cure = f"Add --to {', --to '.join(_PRESETS)}, or drop {option}"
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave out {option}"
             raise InvalidInputError(option, f"applies only to data sets, and {to} is not a data set", cure)
 
 

@@ -108,7 +108,7 @@ def generate_command(
         _tell(made, out, json=json)
     if not made.scenarios:
         first = made.refused[0]
-        cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
+        cure = f"Read {out / 'exchanges.jsonl'}, and choose another model or increase --tries"
         raise InvalidInputError("better generate", f"the model did not write a valid scenario ({first.problem})", cure)
     if build:
         from betterbench.cli.verbs.build import build_command

@@ -171,7 +171,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
                 form[name] = parse_json(value)
             except ValueError:
                 raise InvalidInputError(
-                    "--mock-faults", f"{value!r} is not a valid value for {name}", "Give a number"
+                    "--mock-faults", f"{value!r} is not a valid value for {name}", "Use a number"
                 ) from None
     made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
     names = tuple(text.partition("=")[0] for text in cameras)

@@ -125,7 +125,7 @@ def vlm_command(
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError(
-            "--max-tiles", f"--eyes {eyes} uses one tile", "Leave out --max-tiles, or give --eyes native"
+            "--max-tiles", f"--eyes {eyes} uses one tile per image", "Leave out --max-tiles, or give --eyes native"
         )
     kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
     options = ModelOptions(

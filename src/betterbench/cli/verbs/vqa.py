@@ -219,7 +219,9 @@ def _ask_learner(
     from betterbench.records import RunFolder
 
     if run is None or source is not None:
-        raise InvalidInputError("--learner", "the run of this learner is missing", "Give --run RUN and no other folder")
+        raise InvalidInputError(
+            "--learner", "no run of this learner is given", "Give the run with --run RUN, and no other folder"
+        )
     if out is not None:
         raise InvalidInputError(
             "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or give --json"
@@ -298,7 +300,7 @@ def _described(
 
     if run is None or model.describe is None:
         raise InvalidInputError(
-            "--describe", "the run whose records are needed is missing", "Write better vqa RUN --out SET"
+            "--describe", "the records of the run are needed", "Give the run folder too: better vqa RUN --out SET"
         )
     folder = RunFolder.open(run)
     chat = ChatEndpoint(model.describe, model.model, key_variable=model.key_variable)

@@ -94,7 +94,9 @@ def write_scenarios(
     if len(drawn) < count:
         which = " with these objects" if wanted else ""
         problem = f"the grammar has {len(drawn)} different scenarios of {template}{which}, not {count}"
-        raise InvalidInputError("--num", problem, f"Give --num {max(1, len(drawn))} or less, or a model with --model")
+        raise InvalidInputError(
+            "--num", problem, f"Use --num {max(1, len(drawn))} or less, or choose a model with --model"
+        )
     return tuple(scenario_of(template, theme, choice, rng) for theme, choice in drawn)
 
 

@@ -98,17 +98,19 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
     found = _AMOUNT.fullmatch(amount.replace(" ", ""))
     if found is None:
         raise InvalidInputError(
-            place, f"{one_line(amount, most=80)!r} is not an amount", "Write 20%, 10%-30%, 5 or 3-8"
+            place, f"{one_line(amount, most=80)!r} is not an amount", "Write an amount such as 20%, 10%-30%, 5 or 3-8"
         )
     least, unit, most, other = found.groups()
     if most is not None and unit != other and unit:
-        raise InvalidInputError(place, f"{amount!r} mixes a percentage and a count", "Write 10%-30% or 3-8")
+        raise InvalidInputError(
+            place, f"{amount!r} mixes a percentage and a count", "Write a range such as 10%-30% or 3-8"
+        )
     in_percent = bool(unit or other)
     low, high = float(least), None if most is None else float(most)
     if kind == "axis" and not in_percent:
         raise InvalidInputError(place, f"{amount!r} is a count", "Write a percentage of all variations, such as 15%")
     if in_percent and max(low, high or 0.0) > 100.0:
-        raise InvalidInputError(place, f"{amount!r} is more than 100%", "Write at most 100%")
+        raise InvalidInputError(place, f"{amount!r} is more than 100%", "Use at most 100%")
     if not in_percent and not (low.is_integer() and (high is None or high.is_integer())):
         raise InvalidInputError(
             place, f"{amount!r} is not a whole number of tasks", "Write a whole number, or a percentage"
@@ -141,7 +143,9 @@ def _require_context(value: str, place: str) -> None:
     try:
         plain_text(value)
     except ValueError as error:
-        raise InvalidInputError(place, f"the context {error}", "Write the context in words") from error
+        raise InvalidInputError(
+            place, f"the context {error}", "Write the context as plain words, such as kitchen"
+        ) from error
     if len(value) > LONGEST_NAME:
         raise InvalidInputError(
             place, f"the context has {len(value)} characters", f"Write at most {LONGEST_NAME} characters"
@@ -220,7 +224,7 @@ def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, b
         if quota.kind == "axis" and quota.least > 100.0 * best_share[quota.value] + 1e-9:
             share = f"{100.0 * best_share[quota.value]:.0f}%"
             problem = f"the variations of the allowed templates have at most {share} on this axis"
-            raise InvalidInputError(f"--quota {quota}", problem, f"Ask for {share} or less")
+            raise InvalidInputError(f"--quota {quota}", problem, f"Request {share} or less")
 
 
 def _require_each_once(quotas: Sequence[Quota]) -> None:
@@ -283,12 +287,12 @@ def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None
         if found is not None and found < least:
             problem = f"needs {least} tasks, but the grammar has only {found} different goals for it"
             raise InvalidInputError(
-                f"--quota {quota}", problem, f"Ask for {found} or less, or use a model with --model"
+                f"--quota {quota}", problem, f"Request {found} tasks or fewer, or use a model with --model"
             )
     limits = [(supply.goals([t]), most.get(t, until)) for t in supply.templates]
     if all(goals is not None for goals, _ in limits):
         total = sum(min(goals or 0, top) for goals, top in limits)
         if total < until:
             problem = f"needs {until} tasks, but the grammar has only {total} different goals for these quotas"
-            cure = f"Ask for {total} or less, give --distinct colors, or use a model with --model"
+            cure = f"Request {total} tasks or fewer, add --distinct colors, or use a model with --model"
             raise InvalidInputError("--until", problem, cure)

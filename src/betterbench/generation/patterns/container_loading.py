@@ -236,10 +236,14 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
         found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
     for spec in found:
         if family_of(spec.category) != family_of(cabinet.category):
-            raise refused(spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers of its family")
+            raise refused(
+                spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers made for this cabinet"
+            )
         if cabinet.color is not None and cabinet.color not in colors(spec.category):
             known = ", ".join(colors(spec.category))
-            raise refused(spec, f"does not exist in {cabinet.color}", f"Choose a cabinet in one of: {known}")
+            raise refused(
+                spec, f"does not exist in {cabinet.color}", f"Choose a cabinet in one of these colors: {known}"
+            )
     return found[0], found[1]
 
 

@@ -117,11 +117,11 @@ def _require_heights(stack: _Stack) -> None:
                 spec = next((o for o in layers[:level] if o is not one), one)
                 found = f"with a {spec.kind}, layer {level + 1} lies {1000 * least:.0f} to {1000 * most:.0f} mm high"
                 problem = f"{found}; in training, {1000 * low:.0f} to {1000 * high:.0f} mm"
-                cure = "Choose layers whose thickness differs by at most 5 mm; a thicker one may come last"
+                cure = "Choose layers whose thickness differs by at most 5 mm; only the last layer may be thicker"
                 raise InvalidInputError(f"cast group 'layers': {spec.name}", problem, cure)
             if most > _TALLEST_M:
                 problem = f"a stack of {layers[0].kind} and {layers[1].kind} is {1000 * most:.0f} mm high"
-                raise InvalidInputError("cast group 'layers'", problem, "Choose layers of at most 75 mm")
+                raise InvalidInputError("cast group 'layers'", problem, "Choose layers that are at most 75 mm high")
 
 
 def _below_m(layers: Sequence[ObjectSpec]) -> tuple[float, float]:

@@ -109,7 +109,7 @@ class LeRobotArm:
             if time.monotonic() > until:
                 missing = ", ".join(name for name in self.cameras if name not in self._frames)
                 self.disconnect()
-                raise RobotError(f"Camera {missing} sends no frames. Check its plug, and --cameras.")
+                raise RobotError(f"Camera {missing} sends no frames. Check its plug and the option --cameras.")
             time.sleep(0.02)
 
     def _made(self) -> Any:  # noqa: ANN401 - lerobot's Robot

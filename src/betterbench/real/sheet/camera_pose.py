@@ -258,7 +258,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
         except InvalidInputError:
             raise problem from None
         told = f"{fovy_deg:g} degrees do not match the image, which shows {seen:.1f}"
-        cure = "Leave the option out, or give the vertical field of view at this image size"
+        cure = "Leave out the option, or give the vertical field of view for this image size"
         raise InvalidInputError("--fovy-deg", told, cure) from problem
 
 
@@ -311,7 +311,7 @@ def _require_ruler(ruler_mm: float) -> None:
         raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} is not a length", cure)
     for unit, factor in (("centimeters", 10.0), ("inches", 25.4), ("meters", 1000.0)):
         if abs(factor * ruler_mm / RULER_MM - 1.0) <= 0.1:
-            cure = f"Give millimeters: {factor * ruler_mm:.1f}"
+            cure = f"Give the length in millimeters: {factor * ruler_mm:.1f}"
             raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} seems to be in {unit}", cure)
     problem = f"the printed ruler is {ruler_mm:g} mm long instead of {RULER_MM:.0f}"
     raise InvalidInputError("--ruler-mm", problem, "Print the sheet again at 100 %, without fitting it to the page")

@@ -44,11 +44,13 @@ def image_of(path: Path) -> np.ndarray:
     except Image.DecompressionBombError as problem:
         raise _too_large(path, "has too many pixels") from problem
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as problem:
-        raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give another image") from problem
+        raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give a PNG or JPEG image") from problem
 
 
 def _too_large(path: Path, problem: str) -> InvalidInputError:
-    cure = f"Give an image of at most {_MOST_PIXELS // 1_000_000} million pixels, best in the size of better real run"
+    cure = (
+        f"Give an image of at most {_MOST_PIXELS // 1_000_000} million pixels, such as those that better real run uses"
+    )
     return InvalidInputError(str(path), problem, cure)
 
 
@@ -76,5 +78,7 @@ def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
         raise InvalidInputError(f"--camera {source}", "sends no frames", cure)
     if frame.shape[:2] != (size[1], size[0]):
         problem = f"sends images of {frame.shape[1]} x {frame.shape[0]} pixels instead of {size[0]} x {size[1]}"
-        raise InvalidInputError(f"--camera {source}", problem, "Set --camera-size, here and for better real run")
+        raise InvalidInputError(
+            f"--camera {source}", problem, "Give this size with --camera-size, both here and for better real run"
+        )
     return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
