@@ -1,6 +1,6 @@
 """Checks of this machine for ``better doctor``.
 
-Each check imports the simulator itself, so that a failed import is reported as a failed check.
+Each check imports the simulator on its own, so that an import error is reported as a failed check.
 """
 
 from __future__ import annotations

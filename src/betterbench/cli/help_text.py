@@ -1,4 +1,4 @@
-"""Help texts wrapped to the terminal width, without defaults that the description already states."""
+"""Help texts, wrapped to the terminal width. Default values that a description already states are not repeated."""
 
 from __future__ import annotations
 

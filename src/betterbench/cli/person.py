@@ -1,4 +1,4 @@
-"""Helpers for subcommands that serve a browser page: the name of the user, and the end of the process."""
+"""Helpers for subcommands that serve a web page: they check the name of the user and end the process."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import betterbench
 
 
 def _robot_folders() -> list[str]:
-    """Return the robot names, read from their folders so that the help text does not import MuJoCo."""
+    """Return the names of the robots. They are read from folder names, so that the help text does not import MuJoCo."""
     folder = Path(betterbench.__file__).parent / "sim" / "robots"
     return sorted(path.parent.name for path in folder.glob("*/__init__.py"))
 
@@ -32,7 +32,7 @@ class RobotOption:
 
     @property
     def words(self) -> list[str]:
-        """Command-line arguments that repeat this option in another command; empty if the option was not given."""
+        """Command-line arguments that select the same robot in another command; empty if the option was not given."""
         return [] if self.robot is None else ["--robot", self.robot]
 
     def of(self, tasks: Sequence[str]) -> str:

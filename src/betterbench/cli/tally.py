@@ -72,8 +72,8 @@ class RunTally:
 def pace(progress: Progress) -> str:
     """Return a text with the trials per minute and the time left.
 
-    It is empty before the first trial of this session has ended. For a run with ``--until-decided``, the time left is
-    an upper bound.
+    The text is empty until the first trial of this session has ended. For a run with ``--until-decided``, the time left
+    is an upper bound.
     """
     ended = progress.done - progress.started_with
     if ended < 1 or progress.elapsed_s <= 0.0:

@@ -153,7 +153,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
 def _require_room(place: Path, size: int) -> None:
     """Raise StorageError if a file of ``size`` bytes does not fit on the disk.
 
-    The file written for the test is removed.
+    A test file of this size is written and removed again.
     """
     with DurableFile(place) as tried:
         tried.file.write(bytes(size))

@@ -314,10 +314,10 @@ def _require_nouns(tokens: list[str]) -> None:
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
-    """Return the wanted objects for a noun.
+    """Return the objects that a noun in a sentence asks for.
 
-    Their number is the number word before the noun. Without a number word, it is two for a plural and one for a
-    singular.
+    The number word before the noun states how many they are. Without a number word, a plural asks for two objects, and
+    a singular for one.
     """
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)

@@ -126,7 +126,7 @@ def generate_scenarios(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Generated:
-    """Write scenarios into a folder. The same settings give the same bytes, and repeating a call resumes it.
+    """Write scenarios into a folder. The same settings give the same files, and repeating a call resumes the work.
 
     Args:
         settings: Settings of the scenarios.
@@ -250,5 +250,5 @@ _RANGE = re.compile(r"\[\s+([\d.]+),\s+([\d.]+)\s+\]")
 
 
 def slug_of(name: str) -> str:
-    """Return a name for files, made of the lower-case ASCII letters, digits and underscores of a scenario's name."""
+    """Return a file name made from a scenario's name: lower-case ASCII letters, digits and underscores."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_SLUG].strip("_") or "scenario"

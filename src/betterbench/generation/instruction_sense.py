@@ -1,4 +1,8 @@
-"""Checks of a scenario's instruction. It must be one imperative sentence about existing objects that lists no steps."""
+"""Checks of a scenario's instruction.
+
+An instruction must be a single imperative sentence. It may name only objects of the scenario, and must not list the
+steps.
+"""
 
 from __future__ import annotations
 
@@ -125,7 +129,7 @@ def _head(described: DescribedObject) -> frozenset[str]:
 
 
 def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each noun in an instruction that does not name an object of the scenario."""
+    """Yield a problem and a remedy for each noun in an instruction that names no object of the scenario."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

@@ -129,11 +129,7 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
 
 
 def assets_of(spec: ObjectSpec) -> tuple[Asset, ...]:
-    """Return the assets of all variants of an object, without textures and in the first color of its category.
-
-    Raises:
-        UnknownNameError: If the category or the color of the object does not exist.
-    """
+    """Return the assets of all variants of an object, untextured and in the first color of its category."""
     if spec.color is not None and spec.color not in colors(spec.category):
         raise UnknownNameError(f"color of {spec.category}", spec.color, colors(spec.category))
     return _all_looks(spec.category)

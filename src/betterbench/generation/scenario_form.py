@@ -107,7 +107,10 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as a JSON-serializable dict with only the fields of the paper, like the answer of a model."""
+    """Return a scenario as a JSON-serializable dict in the form of a model's answer.
+
+    It contains only the fields that the paper defines.
+    """
     return {
         "scenario_name": scenario.name,
         "instruction": scenario.instruction,

@@ -24,7 +24,7 @@ class Rater:
     role: Role
 
     def __str__(self) -> str:
-        """Return the name of the rater, followed by the role if the rater was an operator."""
+        """Return the name of the rater. If the rater was an operator, the role follows the name."""
         return self.name if self.role == "judge" else f"{self.name} (operator)"
 
 

@@ -77,7 +77,7 @@ class RealPolicies:
     def get(self, name: str) -> Policy:
         """Return a policy by its name in the plan, and create it first if necessary.
 
-        Raises the errors that occur when a policy is created.
+        Any error that occurs while a policy is created is raised.
         """
         if name not in self._made:
             address = self._plan.address(name)
@@ -144,7 +144,7 @@ class Asker:
     def start(self, start: EpisodeStart, *, check: Callable[[], None] = lambda: None) -> None:
         """Reset the policy, and wait until it is ready.
 
-        ``check`` is called while waiting and may raise an exception. Raises PolicyError if the policy fails or is not
+        ``check`` is called while waiting and may raise an exception. Raise PolicyError if the policy fails or is not
         ready in time.
         """
         self._questions.put((-1, start))

@@ -42,7 +42,7 @@ class JudgePage:
     """
 
     def __init__(self, desk: JudgeDesk, *, host: str, port: int) -> None:
-        """Start listening for the browser. Raises InvalidInputError if the port is in use."""
+        """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._desk, self._lock = desk, threading.Lock()
         get: dict[str, Callable[[], Answer | None]] = {
             "": functools.partial(_packaged, "judge.html", "text/html"),

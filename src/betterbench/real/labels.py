@@ -172,7 +172,7 @@ class Setting:
         return best
 
     def trained_at(self, slot: str) -> str:
-        """Return a text that lists the kinds of objects that were picked from a slot in training."""
+        """Return a text that lists the kinds of objects that were picked from a given slot in training."""
         kinds = [kind for kind, slots in sorted(self.exposure.trained.kind_slots.items()) if slot in slots]
         return listed([f"the {kind}" for kind in kinds])
 
@@ -265,7 +265,7 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
 
 
 def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of a trial in which the arm never moved. The joint states show this without a judge."""
+    """Return the label of a trial in which the arm never moved. The joint states show this, so no judge is needed."""
     basis: Basis = "joints" if judged.outcome is None else "joints and judges"
     still = f"The arm never moved in {signals.duration_s:.0f} s"
     if setting.expected is Expected.STAY_STILL:
@@ -311,7 +311,7 @@ def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
 
 
 def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label of an arm that moves in a scene in which nothing is left to do."""
+    """Return the label of a trial in which the arm moves although nothing is left to do in the scene."""
     end = signals.duration_s
     if signals.grasps:
         first = signals.grasps[0]
@@ -501,7 +501,7 @@ _BY_OUTCOME = {
 
 
 def _empty_slot(setting: Setting, closing: Closing) -> str | None:
-    """Return a clause about a closing of the jaw at an empty training slot, or None if the closing was elsewhere."""
+    """Return a clause that says at which empty training slot the jaw closed, or None if it closed elsewhere."""
     place = setting.place_of(closing)
     if closing.holds or place.slot is None or place.object is not None:
         return None

@@ -102,7 +102,7 @@ class Limiter:
     """Applies the limits to the commands of one episode. Call :meth:`start` before the first command."""
 
     def __init__(self, limits: SafetyLimits, space: ActionSpace, *, rate_hz: float) -> None:
-        """Convert the limits to the units of an action space, at a control rate [Hz]."""
+        """Convert the limits to the units of an action space, for a given control rate [Hz]."""
         spec = robot(ROBOT)
         self.limits, self.space = limits, space
         self._ik = ArmIK(spec)
@@ -143,7 +143,7 @@ class Limiter:
         return self._last.copy()
 
     def tool(self, positions: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the tool center point at given motor positions, (3,) in the base frame [m]."""
+        """Return the position (3,) of the tool center point in the base frame [m], for given motor positions."""
         return np.array(self._ik.forward(np.asarray(positions)[_ARM] * self._unit).position)
 
     def limit(self, asked: np.ndarray, state: np.ndarray, load: np.ndarray) -> Limited:

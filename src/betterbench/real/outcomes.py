@@ -93,7 +93,7 @@ OUTCOMES = (
 
 
 def outcome_named(name: str) -> Outcome:
-    """Return the outcome with a name. Raise UnknownNameError if there is none."""
+    """Return the outcome with the given name. Raise UnknownNameError if there is none."""
     for outcome in OUTCOMES:
         if outcome.name == name:
             return outcome

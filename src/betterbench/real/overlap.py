@@ -109,7 +109,7 @@ class Agreement:
 
     @property
     def accepted(self) -> bool:
-        """Whether the tablecloth is correct and every compared object is at its planned position."""
+        """Whether the tablecloth has the right color and every compared object is at its planned position."""
         return not self.cloth and all(o.accepted for o in self.objects)
 
     @property
@@ -168,7 +168,7 @@ def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> ObjectAgreement:
-    """Return the agreement for one object, found by a coarse and then a fine search over image shifts."""
+    """Return the agreement for one object. A coarse search for the image shift is followed by a fine one."""
     motion = twin.pixels_per_m[name]
     reach = np.ceil(np.abs(motion).sum(axis=1) * SEARCH_M).astype(int)
     rows, columns = np.nonzero(_grown(mask))

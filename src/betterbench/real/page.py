@@ -1,4 +1,4 @@
-"""Web page for the operator: live camera image with the twin as overlay, setup list, switch, start, stop and keys.
+"""Web page for the operator, with the live camera image, the twin as an overlay, the setup steps, and all controls.
 
 The page does not show the policy or the condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) that
 is served by :class:`~betterbench.browser.plain.PlainServer`.
@@ -44,7 +44,7 @@ class OperatorPage:
     """Web page through which an operator runs a session."""
 
     def __init__(self, session: RealSession, *, host: str, port: int) -> None:
-        """Start listening for the browser. Raises InvalidInputError if the port is in use."""
+        """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._session = session
         get: dict[str, Callable[[], Answer | None]] = {
             "": functools.partial(_packaged, "page.html", "text/html"),
@@ -98,7 +98,7 @@ class OperatorPage:
 
 
 def ghost_png(image: np.ndarray, masks: list[np.ndarray]) -> bytes:
-    """Return the masked parts of an image with outlines, as a PNG that is transparent everywhere else."""
+    """Return the masked parts of an image and their outlines as a PNG that is transparent everywhere else."""
     inside = np.zeros(image.shape[:2], dtype=bool)
     edge = np.zeros_like(inside)
     for mask in masks:

@@ -201,7 +201,10 @@ def read_header(folder: Path) -> TrialHeader:
 
 
 def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Mapping[str, bytes]) -> TrialHeader:
-    """Write the files of an attempt, with the header last. Return the header, completed by the digests of the files."""
+    """Write the files of an attempt, the header last.
+
+    Return the header, to which the digests of the files are added.
+    """
     files = {SAMPLES_NAME: samples.to_bytes(), **{f"{camera}.mp4": data for camera, data in films.items()}}
     for name, data in files.items():
         write_durably(folder / name, data)
@@ -286,7 +289,7 @@ def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
 
 
 def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, TrialProgress]:
-    """Return the progress of every planned trial after the events in a journal."""
+    """Return the progress of every planned trial, as it results from the events in a journal."""
     states = {trial.code: TrialProgress() for trial in plan.trials}
     here = file_digest(path.parent / PLAN_NAME)
     for number, event in enumerate(events, start=1):
@@ -365,7 +368,7 @@ class RealJournal(LineJournal):
     def begin(self, code: str, person: str = "") -> Path:
         """Record the start of the next attempt at a trial, and return an empty folder for the files of the attempt.
 
-        Raises StorageError if the folder cannot be created.
+        Raise StorageError if the folder cannot be created.
         """
         self._put_away(code)  # files of an attempt that the journal does not list
         plan = file_digest(self.folder / PLAN_NAME)
@@ -493,7 +496,7 @@ class Entry:
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
-        """Return an empty string: an entry is always possible, since it replaces the person's earlier entry."""
+        """Return an empty string, because an entry is always possible: it replaces the person's earlier entry."""
         del changes
         return ""
 
@@ -507,7 +510,7 @@ class EntryJournal(DecisionJournal[Entry]):
     adapter = _ENTRY
 
     def last(self, code: str, attempt: int, author: str, role: Role) -> tuple[int, Entry] | None:
-        """Return a person's current entry about an attempt with its line number, or None if there is none."""
+        """Return a person's current entry about an attempt, with its line number. Return None if there is no entry."""
         key = Entry(code, attempt, author, role, now(), Seen("done"))
         return self.history(key.content).last
 
@@ -579,7 +582,7 @@ class RealTrial:
     def film(self, camera: str) -> Path:
         """Return the path of a camera's film after checking its digest.
 
-        Raise RecordError if it is missing or changed.
+        Raise RecordError if the film is missing or was changed.
         """
         return self._checked(f"{camera}.mp4")
 

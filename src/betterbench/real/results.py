@@ -400,8 +400,8 @@ class RealResults:
 def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
     """Return the results of a protocol, including comparisons with runs on the simulated twin.
 
-    A simulated run is compared with the policy that has the same address. If the protocol has only one policy, each run
-    is compared with this policy.
+    Each simulated run is compared with the policy that has the same address. If the protocol has only one policy, every
+    run is compared with this policy.
 
     Raises:
         RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial whose own files
@@ -415,7 +415,10 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
 
 
 def _judged_run(run: RealRun) -> tuple[RealRun, list[JudgedTrial]]:
-    """Label the trials of a protocol. Return the protocol with all damaged trials listed, and the labeled trials."""
+    """Label the trials of a protocol.
+
+    Return the protocol with all damaged trials listed in it, and the labeled trials.
+    """
     judged, damaged = [], {trial.code: trial for trial in run.damaged}
     for trial in run.trials:
         try:
@@ -437,7 +440,7 @@ def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
 
 
 def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
-    """Return the JSON form of a damaged trial, without any value from the trial's files."""
+    """Return the JSON form of a damaged trial. It contains no values from the files of the trial."""
     steps = ("steps", "late_steps", "held_steps", "limited_steps")
     return {
         **asdict(trial.planned),
@@ -515,7 +518,10 @@ def _attempt(closing: Closing) -> Attempt:
 
 
 def _order_check(run: RealRun) -> OrderCheck:
-    """Check the order of all finished trials, including damaged trials, by the start of their last attempt."""
+    """Check the order of all finished trials, including damaged ones.
+
+    Trials are ordered by the start of their last attempt.
+    """
     begun = {e.code: k for k, e in enumerate(run.events) if e.event == "begun"}
     done = [planned for planned in run.plan.trials if run.states[planned.code].state == "done"]
     order = sorted(done, key=lambda planned: begun[planned.code])
@@ -546,7 +552,7 @@ def _longest(names: Sequence[str]) -> int:
 
 
 def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> TwinComparison:
-    """Compare a run on the simulated twin with the policy to which it belongs."""
+    """Compare a run on the simulated twin with the policy of the protocol to which it belongs."""
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:

@@ -341,7 +341,7 @@ class RealSession:
             self._measured_s = time.monotonic()
 
     def _measured(self, reading: Reading) -> Agreement | None:
-        """Return the agreement between the front camera and the twin, or None if one of the images is missing."""
+        """Return the agreement between the front camera's and the twin's image, or None if one of them is missing."""
         frame = reading.frames.get(FRONT)
         if frame is None or self._shown.view is None:
             return None

@@ -268,7 +268,7 @@ def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
 
 
 def tool_path(arm: Floats) -> Floats:
-    """Return the tool positions (T, 3) in the base frame [m] for joint angles (T, 5) [rad]."""
+    """Return the tool positions (T, 3) in the base frame [m] that belong to joint angles (T, 5) [rad]."""
     place = _kinematics()
     return np.array([place(angles) for angles in arm.tolist()]).reshape(-1, 3)
 
@@ -423,7 +423,7 @@ def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
 
 
 def _falls(track: JointTrack) -> list[tuple[int, int]]:
-    """Return the first row of each closing and the row at which the jaw stops.
+    """Return for each closing the row at which it begins and the row at which the jaw stops.
 
     A pause shorter than ``chatter_time`` does not end a closing.
     """
@@ -452,7 +452,7 @@ def _begins(opening: Floats, top: int, row: int) -> int:
 
 
 def _stops(track: JointTrack, row: int) -> int:
-    """Return the first row after which the opening does not decrease for ``stop_time``."""
+    """Return the first row after which the opening stays the same or grows for ``stop_time``."""
     opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
     for end in range(row, len(opening)):
         after = opening[end : end + window + 1]
@@ -462,7 +462,7 @@ def _stops(track: JointTrack, row: int) -> int:
 
 
 def _grip(track: JointTrack, end: int) -> Grip:
-    """Return the result of a closing, judged from the opening, the command and the load while the jaw stays closed."""
+    """Return the result of a closing. It is judged from opening, command and load while the jaw stays closed."""
     opens = _opens_after(track.opening, end)
     stop = min(len(track.opening), end + track.steps(THRESHOLDS.stop_time) + 1, *(() if opens is None else (opens,)))
     rows = slice(end, max(stop, end + 1))

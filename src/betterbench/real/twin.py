@@ -1,4 +1,4 @@
-"""Simulated twin of a trial's scene. It provides the object positions and the image of the front camera."""
+"""Simulated twin of a trial's scene, which provides the object positions and the image of the front camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image with a picture, score and license of each asset that a search found."""
+"""Image that shows the picture, the score and the license of each asset that a search found."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def asset_sheet(hits: Sequence[tuple[str, Hit]]) -> np.ndarray:
 
 
 def _title(asset: str) -> str:
-    """Return the last part of an asset id. If that is a generic file name ("model.obj"), return the part before it."""
+    """Return the last part of an asset id. If it is a generic file name ("model.obj"), return the part before it."""
     parts = Path(asset).parts
     generic = len(parts) > 2 and Path(parts[-1]).stem in ("textured", "model", "mesh", "scene")
     return parts[-2] if generic else parts[-1]

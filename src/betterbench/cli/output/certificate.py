@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, print_table
 
 
 def print_certificate(certificate: Certificate) -> None:
-    """Print the conditions for which a clause of the certificate failed, and the totals."""
+    """Print the conditions for which a clause of the certificate failed, and the totals over all conditions."""
     groups = summaries(certificate.trials)
     short = [s for s in groups if s.passed < s.n]
     if short:

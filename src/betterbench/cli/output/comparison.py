@@ -48,7 +48,10 @@ def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
 
 
 def _what(group: Group) -> str:
-    """Return the title of a row. The name of an axis is shortened to two words, so that the table fits the terminal."""
+    """Return the title of a table row.
+
+    The name of an axis is shortened to two words, so that the table fits the terminal.
+    """
     if group.scope.startswith("axis:"):
         return " ".join(scope_text(group.scope).split()[:2])
     return scope_text(group.scope) if group.measure == "success" else group.measure.replace("_", " ")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return the note of the progress bar: the number of attempts, and the last attempted initial state."""
+    """Return the note of the progress bar: the number of attempts, and the initial state of the last attempt."""
     last = "" if progress.last is None else f", {progress.last.trial}"
     return f"{progress.attempts} attempts{last}"
 

@@ -164,7 +164,7 @@ def _percent(value: float | None) -> str:
 
 
 def print_probe(finding: Finding) -> None:
-    """Print how well each coordinate order and scale explains a model's answers, and the inferred convention."""
+    """Print how well each order and scale of coordinates explains a model's answers, and the inferred convention."""
     rows = [
         [fit.scale, fit.order.replace("xy", "x, y").replace("yx", "y, x"), f"{fit.fitting}/{finding.readable}",
          "–" if finding.readable == 0 else f"{100 * fit.error:.0f} %"]
@@ -225,9 +225,9 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
 
 
 def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> None:
-    """Print the static illusion gaps, measured with questions about images, by axis and by type.
+    """Print a model's static illusion gaps (measured with questions about images) by axis and by type.
 
-    If a policy's run is given, the gaps of the policy when it acts are printed next to them.
+    If the run of a policy is given, the illusion gaps of its actions are printed next to them.
     """
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)

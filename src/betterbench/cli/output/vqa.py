@@ -84,7 +84,10 @@ def print_knowledge(known: Knowledge) -> None:
 
 
 def _print_groups(known: Knowledge) -> None:
-    """Print how often the model knows and the policy does the right action, by axis, variation and failure mode."""
+    """Print how often a model knows the right action, and how often the policy takes it.
+
+    The counts are grouped by axis, variation and failure mode.
+    """
     rows = [
         [
             group.name.replace("_", " "),

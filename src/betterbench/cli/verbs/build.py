@@ -75,7 +75,7 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
 
 
 def _by_number(file: Path) -> tuple[int, str]:
-    """Order "1000_name.json" after "999_name.json", and files without a number last."""
+    """Return a sort key that puts "1000_name.json" after "999_name.json", and files without a number last."""
     number = file.name.partition("_")[0]
     return (int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 10**10), file.name
 
@@ -126,7 +126,7 @@ def build_and_tell(
 
 
 def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
-    """Print the names of the imported meshes, and for each matching mesh that could not be imported the reason."""
+    """Print the names of the imported meshes, and the reason for each matching mesh that could not be imported."""
     from betterbench.generation.building.importing import IMPORTED
 
     for row, problem in imported.refused:

@@ -262,7 +262,7 @@ def _plan(
     allow_other_versions: bool,
     trust: bool,
 ) -> Plan:
-    """Return the plan described by the options, or the plan of the run to repeat."""
+    """Return the plan that the options describe, or the plan of the run that is to be repeated."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
@@ -323,7 +323,10 @@ def _changed(world: WorldOptions) -> dict[str, Any]:
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Reject the first option that does not apply in the world of the run, and name the worlds in which it applies."""
+    """Reject the first option that does not apply in the world of the run.
+
+    The message names the worlds in which it applies.
+    """
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed
 
@@ -496,7 +499,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print the results of a run: success and the number of trials that could not be run.
+    """Print the results of a run: the success rate, and the number of trials that could not be run.
 
     For a run with ``until_decided``, the verdicts are printed too.
     """

@@ -47,7 +47,7 @@ def _form(file: Path) -> Mapping[str, object]:
 def grow_and_tell(settings: GrowSettings, out: Path, build: BuildOptions, *, overwrite: bool, json: bool) -> None:
     """Grow a suite, write a page about it, and print the outcome.
 
-    The picture cards of the tasks are drawn too, and the power of the variations is measured if this was requested.
+    Picture cards of the tasks are drawn too. If requested, it is measured which faults each variation can expose.
     """
     from betterbench.cli.verbs.build import CARDS, draw_cards, power_of_suite
     from betterbench.cli.verbs.evaluate import prepare_robot

@@ -165,7 +165,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
 def _certify(
     imported: list[Imported], out: Path, suite: str, *, trials: int, demonstrations: int, workers: int
 ) -> dict[str, dict[str, Summary]]:
-    """Measure demonstrations, certify all conditions, and return the results by task and condition."""
+    """Measure demonstrations of imported tasks and certify all conditions. Return the results by task and condition."""
     from betterbench.certification import summaries
     from betterbench.certification.measuring import measure, write_demonstrations
     from betterbench.certification.runner import certify

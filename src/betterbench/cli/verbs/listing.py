@@ -98,7 +98,7 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
 
 
 def _suites() -> list[list[str]]:
-    """Return a row for each suite of every world, including whether the simulator of the world is installed."""
+    """Return a row for each suite of every world. The row states whether the simulator of the world is installed."""
     from betterbench.sim.worlds import all_worlds
 
     return [

@@ -136,7 +136,7 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
-    """Return a message with the problems found in a folder, and the remedies."""
+    """Return a message that lists the problems found in a folder, with the remedies."""
     from betterbench.statistics.wording import plural
 
     if found.is_of_another_run:

@@ -216,7 +216,7 @@ def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bo
 
 
 def _obey_lines(session: RealSession, stopped: threading.Event) -> None:
-    """Execute the lines of standard input. Each line has a key, which may be followed by a space and a note."""
+    """Execute the lines of standard input. A line consists of a key, which a space and a note may follow."""
     for line in sys.stdin:
         key, _, note = line.rstrip("\n").partition(" ")
         if line.startswith(" "):
@@ -246,7 +246,7 @@ def _obey_keys(session: RealSession, stopped: threading.Event, read: Callable[[]
 
 
 def obey_key(session: RealSession, key: str, note: str, stopped: threading.Event) -> bool:
-    """Execute a key pressed in the terminal, and return whether to keep reading keys."""
+    """Execute a key that was pressed in the terminal. Return False if no more keys should be read."""
     from betterbench.real.outcomes import OUTCOMES
     from betterbench.real.session import Command, Stage
 

@@ -79,7 +79,7 @@ def review_command(
 
 
 def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, host: str, port: int) -> None:
-    """Show mesh files, or the assets in the folders given with --asset-dir, for review in the browser."""
+    """Open mesh files, or the assets in the folders given with --asset-dir, for review in the browser."""
     from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.review.queue import folder_queue, queue_of
@@ -101,7 +101,7 @@ def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, h
 
 
 def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host: str, port: int) -> None:
-    """Show the scenes of tasks for review in the browser."""
+    """Open the scenes of tasks for review in the browser."""
     from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.review.scenes.queue import scene_queue

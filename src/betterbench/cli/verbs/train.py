@@ -84,7 +84,7 @@ def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
 
 
 def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> TrainingSet:
-    """Read the demonstrations, and render missing frames for a learner that uses images."""
+    """Read the demonstrations. If the learner uses images, render the frames that are missing."""
     from betterbench.learning.training.data import read_training_set
 
     with progress_bar("reading demonstrations", 0, stays=False) as (bar, row):
@@ -112,7 +112,7 @@ def _about(data: TrainingSet, epochs: float) -> str:
 
 
 def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Sequence[str], *, json: bool) -> None:
-    """Print the last validation, and the command that evaluates the learner."""
+    """Print the result of the last validation, and the command that evaluates the learner."""
     from betterbench.tasks.user_files import loading_options
 
     log = result.log
@@ -158,7 +158,7 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Seq
 
 
 def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
-    """Return the command that evaluates a learner on its tasks, in its action space.
+    """Return the command that evaluates a learner on the tasks and in the action space for which it was trained.
 
     Args:
         out: Folder of the learner.

@@ -188,7 +188,7 @@ def vlm_command(
 
 
 def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
-    """Return the prices of tokens, or None if no price is given. Raise InvalidInputError if only one price is given."""
+    """Return the prices of tokens, or None if no price is given. Raise InvalidInputError if one price is missing."""
     from betterbench.vqa.request_totals import Prices
 
     if price_in is None and price_out is None:
@@ -247,7 +247,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
 
 
 def _made(questions: int, workers: int) -> Path:
-    """Make or resume a question set about one expert trial per condition of the suite, and return its folder."""
+    """Make or resume a question set about expert trials (one per condition of the suite), and return its folder."""
     import platformdirs
 
     from betterbench.cli.verbs.evaluate import run_with_bar

@@ -292,7 +292,7 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
 def _described(
     run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
 ) -> dict[str, object]:
-    """Have a model describe images of a set, and keep the statements that the recorded state confirms."""
+    """Have a model describe images of a question set, and keep the statements that the recorded state confirms."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.freeform import describe_images

@@ -1,4 +1,4 @@
-"""``better worlds``: list the worlds with a separate simulator, or install one."""
+"""``better worlds``: list the worlds that need a separate simulator, or install such a simulator."""
 
 from __future__ import annotations
 

@@ -263,7 +263,10 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
 
 
 def _template_in(answer: str) -> tuple[str, str]:
-    """Return the template that an answer names and an empty text; or an empty text and the problem of the answer."""
+    """Return the template that a model's answer names, and an empty text.
+
+    If the answer names no template, return an empty text and the problem.
+    """
     try:
         found = parse_json(without_fence(answer), unique=True)
     except (ValueError, BetterError) as error:

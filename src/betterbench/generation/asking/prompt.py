@@ -100,7 +100,7 @@ def scenario_messages(
 
 
 def written_lines(written: Sequence[Scenario]) -> str:
-    """List the names and the objects of scenarios, with one line per scenario."""
+    """Return the names and the objects of scenarios as text, with one line per scenario."""
     return "\n".join(
         f"- {scenario.name}: {', '.join(o.asset_query for objects in scenario.groups.values() for o in objects)}"
         for scenario in written

@@ -122,7 +122,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Audit:
-    """All findings about a task. Findings about the complete task precede those about single variations."""
+    """All findings about a task. Findings about the complete task come before those about single variations."""
 
     task: str
     findings: tuple[Finding, ...]
@@ -225,7 +225,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that the changes of a variation have an effect, and that its groups match the template."""
+        """Check that each change in a variation has an effect, and that its groups match the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:

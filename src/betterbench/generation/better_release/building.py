@@ -105,8 +105,8 @@ def task_id_of(task: ReleaseTask) -> str:
 def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> Built:
     """Convert a release task to our task format, with objects from our library.
 
-    Objects without a matched asset are left out, and so are objects that a variation replaces but leaves in the scene.
-    A variation whose goals cannot be expressed is not represented.
+    Objects that no library asset represents are left out, as are objects that a variation replaces but does not remove
+    from the scene. A variation is left out if our task format cannot express its goals.
 
     Args:
         task: The release task.
@@ -211,7 +211,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons why a variation cannot be represented; empty if it can be."""
+        """Return the reasons why our task format cannot represent a variation; empty if it can."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -295,7 +295,7 @@ class _Maker:
         return ObjectSpec(name, self._kind(name), match.category, color, role, fixed=False)
 
     def _kind(self, name: str) -> str:
-        """Return the noun of an object, with its color if another object has the same noun."""
+        """Return the noun of an object. The color is included if another object has the same noun."""
         noun = self.lexicon.noun(name)
         others = [other for other in self.task.instances if other != name and self.lexicon.noun(other) == noun]
         color = color_of(self.task.instances[name])
@@ -341,7 +341,7 @@ class _Maker:
         made: Represented,
         before: Sequence[Variation],
     ) -> tuple[Represented, Variation | None]:
-        """Express a test variation as operations on the training condition that requires the fewest operations.
+        """Express a test variation as operations on a training condition: the one from which the fewest are needed.
 
         Returns:
             The completed representation, and the variation. The variation is None if it cannot be expressed.
@@ -392,7 +392,8 @@ def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate
 def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, Slot]) -> tuple[Operation, ...] | None:
     """Return the operations that convert one condition to another, or None if this is not possible.
 
-    The order is: replacements, removals, moves and exchanges, additions, pre-placements, instruction.
+    The operations are ordered as follows: replacements, removals, moves and exchanges, additions, pre-placements, and
+    finally the instruction.
     """
     found: list[Operation] = []
     now = base

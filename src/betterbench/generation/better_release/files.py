@@ -396,7 +396,7 @@ def _refuse(file: Path, field_path: str, problem: str, cure: str) -> None:
 def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
     """Return the sorted names of the variations.
 
-    The registry in ``task.yaml`` and the files must list the same names.
+    The registry in ``task.yaml`` and the folder of variation files must contain the same names.
     """
     listed = (*task.variation_registry.train, *task.variation_registry.eval)
     where = folder / "task.yaml"

@@ -51,7 +51,10 @@ _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return the distance of a position from the reachable and visible part of our table [m]; 0 if it is inside."""
+    """Return the distance of a position from the reachable and visible part of our table [m].
+
+    The distance is 0 if the position is inside this part.
+    """
     inside_x = min(max(x, NEAR_X_M), FAR_X_M)
     limit = SEEN_AT_0_M - SEEN_SLOPE * inside_x
     inside_y = min(max(y, -limit), limit)
@@ -231,7 +234,7 @@ def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
 
 @functools.cache
 def _usual_yaw(category: str) -> float:
-    """Return the most frequent heading of targets of a category in the suite [rad]; 0 if there are none."""
+    """Return the most frequent heading of a category's targets in the suite [rad]; 0 if the suite has none."""
     yaws = Counter(
         task.slot(condition.layout[spec.name]).yaw
         for task in map(get_task, suite_tasks("better60"))
@@ -249,7 +252,7 @@ def _half_extents(match: Match, yaw: float) -> tuple[float, float]:
 
 
 def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, str, float], ...]]:
-    """Move the clusters apart. Return their positions (n, 2) [m], and the pairs of clusters that still overlap."""
+    """Move the slots apart. Return the positions (n, 2) [m], and the pairs of slots that still overlap."""
     wished = np.array([(c.x, c.y) for c in clusters]).reshape(-1, 2)
     places = wished.copy()
     pairs = _together(clusters)
@@ -273,7 +276,7 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
 def _free_yaw(
     i: int, targets: list[int], clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]
 ) -> float:
-    """Return the slot heading at which the gripper opens along the nearest wall of a target [rad]."""
+    """Return the heading of a slot with which the gripper opens parallel to the nearest wall of a target [rad]."""
     grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
     if not grasps or not targets:
         return 0.0

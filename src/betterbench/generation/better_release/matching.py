@@ -86,8 +86,8 @@ def match_instances(
 ) -> dict[str, Match]:
     """Return the library asset that represents each object. Objects without a similar asset are left out.
 
-    Containers are matched with categories that have an inside, a stack or a marked region. Other objects are matched
-    with categories that can be grasped. A category is only used twice if no unused category fits.
+    Containers are represented by categories into or onto which objects can be put. All other objects are represented by
+    categories that can be grasped. A category is used twice only if no unused category fits.
 
     Args:
         task: The release task.
@@ -148,7 +148,7 @@ def _match(category: str, color: str | None, score: float, how: str, *, is_stand
 def _found(
     catalogue: Catalogue, task: ReleaseTask, instance: ReleaseInstance, taken: Iterable[Match], *, is_target: bool
 ) -> Match | None:
-    """Return the best match for an object, found by its query, by its noun, or by a class that contains the noun."""
+    """Return the best match for an object. It is searched for by its query, by its noun, and by classes of the noun."""
     nouns = nouns_of(instance, task.names.get(instance.instance_id, ""))
     color, used = color_of(instance), {(m.category, m.color) for m in taken}
     queries = [(instance.retrieval_query, 1.0), (" ".join(nouns[0]), 1.0)]
@@ -192,7 +192,7 @@ def _suitability(
 
 
 def _fits(hit: Hit, *, is_target: bool) -> bool:
-    """Return whether an asset is suitable as a target or as a carried object."""
+    """Return whether an asset is suitable as a target, or as an object that is carried."""
     category = hit.entry.category
     asset = build_unpainted(category, look=looks(category)[0], color=hit.entry.color or colors(category)[0])
     regions = {region.name for region in asset.regions}

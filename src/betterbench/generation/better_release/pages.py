@@ -19,7 +19,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Imported:
-    """Imported release task, with the matched assets and the results of the audit and the certification.
+    """Imported release task, with its library assets and the results of the audit and the certification.
 
     Attributes:
         certificate: Certification results by condition of our task; empty if the task was not certified.

@@ -127,7 +127,7 @@ class LeftBehind:
 
 
 def left_behind(variation: Resolved, training: Iterable[Resolved]) -> tuple[LeftBehind, ...]:
-    """Return the objects that a variation replaces, but leaves in the scene next to their replacements."""
+    """Return the objects that a variation replaces without removing them from the scene."""
     trained = {name for other in training for name in other.active}
     grouped = {name for members in variation.groups.values() for name in members} | {variation.container}
     found = []

@@ -177,7 +177,7 @@ class Lexicon:
 
 @functools.cache
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
-    """Return the classes that contain a noun according to the word list ("fruit" for "banana"), sorted."""
+    """Return the classes to which a noun belongs according to the word list ("fruit" for "banana"), sorted."""
     return tuple(sorted(phrase for phrase, others in word_list().items() if noun in dict(others) and phrase != noun))
 
 

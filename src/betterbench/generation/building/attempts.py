@@ -162,7 +162,7 @@ def _problem_of(scenario: Scenario) -> str:
 
 
 def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure]) -> str:
-    """Return the reason why the training conditions of a task cannot be used; empty if they can be used."""
+    """Return the reason why the training conditions of a task are unusable; empty if they are usable."""
     training = {c.name for c in task.training}
     if any(f.condition in training for f in failures):
         return "a training condition is not certified"
@@ -170,7 +170,7 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return a message if a task has too few variations left; otherwise an empty string."""
+    """Return a message if too few variations of a task are left; otherwise, return an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

@@ -52,7 +52,7 @@ _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return the reason why an asset is not suitable for a group of a template; empty if it is suitable."""
+    """Return the reason why an asset is not suitable for an object group of a template; empty if it is suitable."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -189,7 +189,7 @@ def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
-    """Return the distinct color words of a description, those of the query first."""
+    """Return the distinct color words of a description. Colors in its search query come first."""
     said = [*terms(described.asset_query), *terms(described.description)]
     return tuple(dict.fromkeys(word for word in said if word in COLORS))
 

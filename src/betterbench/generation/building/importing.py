@@ -87,7 +87,7 @@ def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[Desc
 
 
 def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
-    """Return the best rows of the user's catalogue for a description, among rows whose mesh is on this machine."""
+    """Return the rows of the user's catalogue that match a description best and whose mesh is on this machine."""
     hits = user.search(described.asset_query, limit=_SEARCHED, filters=Filters(license="free"))
     rows = [hit.entry for hit in hits if hit.score >= LEAST_SCORE and hit.entry.source != NAME and hit.entry.path]
     return [row for row in rows if not name_problem(described.asset_query, row)][:MOST_MESHES]

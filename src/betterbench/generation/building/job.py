@@ -56,7 +56,7 @@ _RESULT = TypeAdapter(Result)
 
 @dataclass(frozen=True, slots=True)
 class BuildItem:
-    """Scenario to build, in JSON, with the identifier of the task built from it."""
+    """Scenario to build, in its JSON form, with the identifier of the task that is built from it."""
 
     scenario: str
     task_id: str
@@ -118,7 +118,7 @@ def build_items(
     on_stored: Callable[[Result], object] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> tuple[Result, ...]:
-    """Build and certify scenarios in a folder, and return the results in the order of the scenarios.
+    """Build and certify tasks from scenarios in a folder, and return the results in the order of the scenarios.
 
     Stored results are reused. ``on_stored`` is called for each stored result. ``on_progress`` is called at the start
     and after every new result.

@@ -1,4 +1,7 @@
-"""Look-alikes of the items in a cast: objects of other categories that have the same color or shape."""
+"""Look-alikes of the items in a cast (a scenario with chosen assets).
+
+A look-alike is an object of another category with the same color or shape.
+"""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ SYNONYMS = 2
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return a noun phrase for each object. It includes the color if the noun alone does not distinguish the object."""
+    """Return a noun phrase for each object. It includes the color if the noun alone would be ambiguous."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):

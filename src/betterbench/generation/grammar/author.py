@@ -1,4 +1,4 @@
-"""Offline author: draws scenarios from the themes of a template by seed, without a language model."""
+"""Author that needs no language model. It draws scenarios from the themes of a template, depending on a seed."""
 
 from __future__ import annotations
 
@@ -125,7 +125,10 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield the features of a choice, each with the cost of repeating it: high for categories, low for colors."""
+    """Yield the features of a choice of objects, each with a weight that penalizes repeating it.
+
+    The weight is high for categories and low for colors.
+    """
     for group, kinds in choice.items():
         yield (group, tuple(sorted(category for category, _ in kinds))), 100
         yield (group, tuple(sorted(kinds))), 20
@@ -235,7 +238,7 @@ def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
 
 
 def theme_words(theme: Theme) -> frozenset[str]:
-    """Return the words that distinguish a theme: the content words of its name, context and instructions."""
+    """Return the words that characterize a theme: the content words of its name, its context and its instructions."""
     return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
 
 

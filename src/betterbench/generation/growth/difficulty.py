@@ -27,7 +27,10 @@ drawers or stacks of layers take 18 to 21 s. The limits lie between these groups
 
 
 def median_s(trials: Iterable[TrialCertificate]) -> float:
-    """Return the expert's median time in trials of variations that require an action [s]; 0 if there are none."""
+    """Return the expert's median time over the trials of variations [s].
+
+    Variations in which the expert has nothing to do are ignored. If no trial is left, return 0.
+    """
     steps = [trial.steps for trial in trials if not trial.training and not trial.watched]
     return statistics.median(steps) / CONTROL_RATE_HZ if steps else 0.0
 

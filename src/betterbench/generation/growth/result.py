@@ -1,4 +1,4 @@
-"""Stored outcome of a growing suite, which can be read without a simulator."""
+"""Stored outcome of growing a suite. It can be read without a simulator."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ class OfflineSource:
         return tuple(dict.fromkeys(cell.context for cell in self._left))
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int:
-        """Return the number of different goals, without the goals of existing tasks."""
+        """Return the number of different goals. Goals of existing tasks are not counted."""
         keys = {
             key
             for cell, key in self._choices

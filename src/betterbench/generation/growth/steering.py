@@ -1,6 +1,6 @@
-"""Choice of the next template and context so that quotas are filled, and acceptance of certified tasks.
+"""Choice of the next template and context, and acceptance of certified tasks, with the aim of filling the quotas.
 
-All choices depend only on the accepted tasks and the drawn scenarios, and not on workers or timing.
+All choices depend only on the accepted tasks and on the drawn scenarios, not on the number of workers or on timing.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class Steering:
         return self._until - self._tally.tasks
 
     def note(self, cell: Cell) -> None:
-        """Register a proposed scenario, so that templates and contexts without a quota are used in turn."""
+        """Take note of a proposed scenario, so that templates and contexts without a quota are used in turn."""
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
@@ -245,7 +245,7 @@ class Steering:
         return ""
 
     def _is_reachable(self, quota: Quota, tally: _Tally, places: int) -> bool:
-        """Return whether an axis quota can still be met if the best template is used for all remaining tasks."""
+        """Return whether the quota for an axis can still be met if the most suitable template is used from now on."""
         low, high = quota.least / 100.0, 1.0 if quota.most is None else quota.most / 100.0
         number, total = tally.of("axis", quota.value), tally.variations
         surplus = max(m.variations(quota.value) - low * m.total for m in self._mixes.values())
@@ -257,7 +257,7 @@ class Steering:
         return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
 
     def standing(self) -> list[tuple[Quota, float, bool]]:
-        """Return each quota with its current amount, and whether it is still open."""
+        """Return the state of each quota: its current amount, and whether it is still open."""
         found = []
         for quota in self._quotas:
             have = self._tally.of(quota.kind, quota.value)

@@ -1,7 +1,6 @@
 """Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-In training, words that name an object occur only in the first layout, and words that name a position only in the
-second.
+In training, instructions name the object itself only in the first layout, and its position only in the second layout.
 """
 
 import itertools

@@ -56,7 +56,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.CONTAINER_LOADING)
 def container_loading(cast: Cast) -> GeneratedTask:
-    """Make a task with two objects and a cabinet with an upper and a lower drawer.
+    """Return a task with two objects, and a cabinet with an upper and a lower drawer.
 
     While the upper drawer is open, nothing can be put into the lower one.
 
@@ -106,7 +106,7 @@ class _Loading:
         return (second, first) if exchanged else items
 
     def load(self, *steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
-        """Return the instruction to put objects into drawers and to close the drawers."""
+        """Return the instruction to put the given objects into drawers and then close the drawers."""
         parts = [f"the {item.kind} into the {into.kind}" for item, into in steps]
         goals: list[a.Subgoal] = []
         for item, into in steps:
@@ -248,7 +248,7 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether an object has corners that need more room in a drawer when the object is rotated."""
+    """Return whether an object has corners, so that it needs more room in a drawer when it is rotated."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])

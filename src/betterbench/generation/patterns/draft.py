@@ -1,4 +1,4 @@
-"""Draft of a generated task: training conditions, variations numbered by axis, and unbuilt variations."""
+"""Draft of a generated task: its training conditions, its variations numbered by axis, and variations left out."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Draft:
         self.training = tuple(c.with_(name=f"train{i}") for i, c in enumerate(self.training, start=1))
 
     def base_of(self, instruction: a.Instruction, layout: Mapping[ObjectSpec, Slot] | None = None) -> str:
-        """Return the name of the first training condition with an instruction.
+        """Return the name of the first training condition with a given instruction.
 
         If a layout is given, the condition must have this layout too.
         """
@@ -157,7 +157,7 @@ class Draft:
     ) -> GeneratedTask:
         """Check the draft, and return the finished task.
 
-        Balanced conditions with the initial scene and the instruction of a test are left out.
+        Balanced conditions are left out if a test has the same initial scene and the same instruction.
 
         Raises:
             InvalidInputError: If a condition does not fit the template, its objects may touch, or there are too few

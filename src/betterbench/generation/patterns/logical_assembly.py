@@ -184,7 +184,7 @@ def _title(stack: _Stack, *things: ObjectSpec) -> str:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, stack: _Stack, starts: dict[ObjectSpec, Slot]) -> None:
-    """Add a variation with a look-alike in the slot of a requested layer.
+    """Add a variation in which a look-alike takes the slot of a requested layer.
 
     The layer itself is moved to the slot of a layer that is not requested.
     """

@@ -171,7 +171,7 @@ def _packed(cast: Cast, container: ObjectSpec, items: Sequence[ObjectSpec], tabl
 def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> a.Instruction:
     """Return the instruction to pack objects one after the other.
 
-    Two objects of the same kind come first, as a pair.
+    If the first two objects are of the same kind, they are named together as a pair.
     """
     kinds = [thing.kind for thing in things]
     if kinds[:1] == kinds[1:2]:

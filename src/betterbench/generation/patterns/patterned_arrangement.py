@@ -108,8 +108,8 @@ class _Plan:
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
     """Return a task in which two of three items are put at sides of an anchor.
 
-    Two long pieces and a compact object are put around a round anchor as in a place setting. Other items start in front
-    of the anchor. Distractors are only used around a place setting, if there is room.
+    If the anchor is round and the items are two long pieces and a compact object, they form a place setting. Otherwise,
+    the items start in front of the anchor. Distractors are used only around a place setting, if there is room.
 
     Raises:
         InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
@@ -166,7 +166,7 @@ def _is_round(anchor: ObjectSpec) -> bool:
 
 
 def _refuse_long(spec: ObjectSpec) -> None:
-    """Raise InvalidInputError for an object that would extend beyond the camera's view."""
+    """Raise InvalidInputError because an object is so long that the camera would not see it completely."""
     size = footprint(spec.category)
     problem = f"a {spec.kind} reaches {1000 * size.radius_m:.0f} mm from its center"
     cure = "Choose objects of at most 70 mm, or two pieces of cutlery and a compact object at a plate"
@@ -327,9 +327,9 @@ def _goals(instruction: object) -> tuple[a.Subgoal, ...]:
 
 
 def _desk_balanced(draft: Draft, plan: _Plan) -> Iterator[Condition]:
-    """Yield balanced conditions for each pair of steps in either order.
+    """Yield balanced conditions for each pair of steps, in both orders.
 
-    The objects are in different slots, and the anchor is at either position.
+    The objects start in different slots, and the anchor is at one position or the other.
     """
     objects = [o for o, _ in plan.steps]
     starts, stands = draft.table.starts, draft.table.stands
@@ -398,9 +398,9 @@ def _is_compact(spec: ObjectSpec) -> bool:
 def _setting_balanced(
     draft: Draft, plan: _Plan, spare: Sequence[ObjectSpec], others: Mapping[ObjectSpec, Slot]
 ) -> Iterator[Condition]:
-    """Yield balanced conditions for each pair of steps in either order.
+    """Yield balanced conditions for each pair of steps, in both orders.
 
-    The long pieces are at either edge, and the anchor is at either position.
+    The long pieces start at one edge of the table or the other, and the anchor is at one position or the other.
     """
     (left, _), (right, _), (compact, _) = plan.steps
     edge_1, edge_2, front, corner_1, corner_2, front_right = draft.table.starts

@@ -181,7 +181,10 @@ class _Insertion:
 
 
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
-    """Return the items in the order of their holes. Items without a hole in the instruction get the remaining holes."""
+    """Return the items in the order of their holes.
+
+    Items for which the instruction states no hole get the remaining holes.
+    """
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])
     return tuple(placed[hole] if hole in placed else next(others) for hole in HOLES)

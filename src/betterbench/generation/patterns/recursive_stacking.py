@@ -156,8 +156,8 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
     """Yield balanced conditions for each instruction, with the plates in different slots.
 
-    The lowest plate is at either position. If it is on the right, only the left slots are used, because there is no
-    room for other plates on the right.
+    The lowest plate is at one position or the other. If it is on the right, only the left slots are used, because the
+    right side then has no room for other plates.
     """
     base, middle, top = plates.base, plates.middle, plates.top
     on_base = {o: plates.onto((o, base)) for o in (middle, top)}

@@ -66,7 +66,7 @@ class StatedGoal:
 
 
 def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each part of the goal in an instruction that is not supported."""
+    """Yield a problem and a remedy for each part of the stated goal that tasks of the template cannot have."""
     for word, reason in stated_goal(scenario).problems:
         can = _CAN.get(template.name, template.description)
         cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"

@@ -153,14 +153,14 @@ class Reader:
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
 
     def _of_type(self, noun: tuple[str, ...]) -> list[str]:
-        """Return the container, fixture or drawers of the type that a noun names ("trash can" for a waste bin)."""
+        """Return the container, fixture or drawers that a noun names by their type ("trash can" for a waste bin)."""
         groups = TEMPLATES[self.scenario.template].groups
         receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
         named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
         return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
 
     def relations(self) -> Iterator[Said]:
-        """Yield the relations, each with the nouns before it that do not belong to an earlier relation."""
+        """Yield the relations in the instruction, each with the preceding nouns that belong to no earlier relation."""
         pending: list[Mention] = []
         at = 0
         while at < len(self.tokens):

@@ -1,4 +1,4 @@
-"""Mock SO-101 in this process: a simulated arm and its camera images in real time, with optional faults.
+"""Mock SO-101 that runs in this process: a simulated arm with camera images in real time and optional faults.
 
 A trial uses the simulated scene: the images show its objects, the arm can grasp and lift them, and the servos have the
 gains and torque limits of the simulated arm. Possible faults are a slow camera, dropped frames, an unplugged camera, a
@@ -181,7 +181,7 @@ class MockRobot:
                 file.write(" ".join(f"{v:.6f}" for v in self._target) + "\n")
 
     def release(self) -> None:
-        """Hold the current position, because the simulated servos cannot be switched off."""
+        """Hold the current position. The simulated servos cannot be switched off."""
         self._target = self._positions()
 
     def disconnect(self) -> None:
@@ -206,7 +206,7 @@ class MockRobot:
     def _load(self, state: np.ndarray) -> np.ndarray:
         """Return the load of each servo.
 
-        It is computed from the lag behind the target, since torque is the gain times the lag.
+        It is computed from how far the servo lags behind its target, since the torque is the lag times the gain.
         """
         if self._target is None:
             return np.zeros(6)

@@ -202,7 +202,7 @@ def twin_camera() -> CameraPose:
 
 
 def mounted(mount: CameraMount) -> CameraPose:
-    """Return the pose of a camera given by its position, target and upward direction."""
+    """Return the pose of a camera, given its position, the point at which it looks, and its upward direction."""
     position, target, up = (np.array(v) for v in (mount.position, mount.target, mount.up))
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, up)
@@ -323,9 +323,9 @@ def _require_ruler(ruler_mm: float) -> None:
 def _require_pages(found: dict[int, np.ndarray]) -> None:
     """Raise InvalidInputError if a page of the sheet is rotated or swapped with another page.
 
-    Most markers agree on one view of the table. Seen in this view, the markers of a misplaced page are at the position
-    of another page, or are rotated by 180 degrees. Without this check, one or two such markers would be discarded as if
-    they were covered, and the slots on their page would be at wrong positions.
+    The view of the table is determined by the majority of the markers. In this view, the markers of a misplaced page
+    appear at the position of another page, or rotated by 180 degrees. Without this check, one or two such markers would
+    be discarded as if they were covered, and the slots on their page would be at wrong positions.
     """
     table = np.concatenate([corners_mm(marker) for marker in found]).astype(np.float32)
     pixels = np.concatenate(list(found.values())).astype(np.float32)
@@ -403,7 +403,7 @@ def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
 
 
 def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
-    """Create the error for an image with too few markers, which states the likely reason."""
+    """Create the error for an image in which too few markers were found. The error states the likely reason."""
     says = f"{count} of the sheet's {len(CELLS)} markers found, {LEAST_MARKERS} needed"
     if len(_markers(np.ascontiguousarray(gray[:, ::-1]))) >= max(LEAST_MARKERS, count + 1):
         return InvalidInputError(

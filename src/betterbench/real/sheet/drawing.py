@@ -110,7 +110,7 @@ def svg(page: Page) -> str:
 
 
 def pdf(pages: Sequence[Page]) -> bytes:
-    """Return pages as one PDF document that requests printing without scaling."""
+    """Return pages as one PDF document, which asks the viewer to print without scaling."""
     objects = [
         "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         "",  # placeholder for the list of pages, whose object numbers are known at the end

@@ -79,7 +79,7 @@ def write_sheet(folder: Path, paper: str) -> list[Path]:
 
 
 def _tile(area: Area, name: str, width: float, height: float) -> Page:
-    """Return a page with a part of the sheet at true scale in its center, and rulers in two margins."""
+    """Return a page that shows a part of the sheet at true scale in its center, with rulers in two margins."""
     left, top = 0.5 * (width - area.width), 0.5 * (height - area.depth)
     page = Page(f"betterbench marker sheet, {name}", width, height, clip=(left, top, area.width, area.depth))
     page.within.extend(_content(_Frame(area, left, top)))

@@ -1,4 +1,4 @@
-"""Contexts of the template patterned arrangement: desks with a laptop, and table settings around a plate."""
+"""Themes for the template "patterned arrangement": desks with a laptop, and place settings around a plate."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import PATTERNED_ARRANGEMENT

@@ -1,4 +1,4 @@
-"""Contexts of the template precision insertion: jars and bottles for the holes of a rack."""
+"""Themes for the template "precision insertion": jars and bottles that are put into the holes of a rack."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
 from betterbench.tasks.authoring.templates import PRECISION_INSERTION
@@ -7,7 +7,7 @@ _RACK = one("spice_rack")
 
 
 def _jar(spice: str, color: str) -> tuple[Pool, Pool]:
-    """Return the pool with the glass jar of a spice, and the pool with the plain steel jar."""
+    """Return two pools: one with the glass jar of a spice, and one with the plain steel jar."""
     return Pool(("spice_jar",), colors=(color,)), Pool((f"plain_{spice}_jar",))
 
 
