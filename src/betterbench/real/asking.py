@@ -77,7 +77,7 @@ class RealPolicies:
     def get(self, name: str) -> Policy:
         """Return a policy by its name in the plan, and create it first if necessary.
 
-        Any error that occurs while a policy is created is raised.
+        Errors that occur while the policy is created are passed on to the caller.
         """
         if name not in self._made:
             address = self._plan.address(name)

@@ -166,7 +166,7 @@ class TrialRun:
         return header
 
     def _read(self) -> Reading:
-        """Stop if this was requested, read the state of the arm, and check the age of each camera's newest frame."""
+        """Abort if a stop was requested, read the state of the arm, and check the age of each camera's newest frame."""
         self._look_for_stop()
         reading = self._arm.read()
         for camera in self._arm.robot.cameras:

@@ -452,7 +452,7 @@ def _begins(opening: Floats, top: int, row: int) -> int:
 
 
 def _stops(track: JointTrack, row: int) -> int:
-    """Return the first row after which the opening stays the same or grows for ``stop_time``."""
+    """Return the first row after which the opening does not decrease during the next ``stop_time``."""
     opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
     for end in range(row, len(opening)):
         after = opening[end : end + window + 1]
