@@ -50,7 +50,7 @@ def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
     """Raise InvalidInputError if the groups are not those of the template, or two objects have the same name.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario to check.
         where: File or location of the scenario, for error messages.
     """
     for path, problem, cure in (*_group_problems(scenario, TEMPLATES[scenario.template]), *_name_problems(scenario)):
@@ -63,7 +63,7 @@ def sense_problems(
     """Return the problems of a scenario, or an empty tuple if it is plausible.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario to check.
         where: Location of the scenario, with which the paths of fields begin.
         mixed: Whether items of different domains (such as food and office supplies) may be in one group, because the
             user named these objects.

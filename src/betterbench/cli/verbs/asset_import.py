@@ -57,7 +57,8 @@ def import_command(
 ) -> None:
     """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or catalogue ids, as assets.
 
-    The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes.
+    The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes
+    an interrupted import.
 
     Example: better assets import mug.glb --kind "coffee mug" --out my_assets
 

@@ -37,7 +37,7 @@ def collect_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
         attempts: Maximum attempts per initial state, each in a different motion style.
-        arm: The robot.
+        arm: Option that selects the robot.
         workers: Number of worker processes; default: one per CPU core.
         films: Render a video of the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.

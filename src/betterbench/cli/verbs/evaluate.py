@@ -162,7 +162,7 @@ def evaluate_command(
         out: Run folder; runs/POLICY if not given.
         from_run: Folder or run.json of another run, whose trials, seeds, conventions and policy are repeated.
         chosen: Options that select the trials and the conventions.
-        arm: The robot.
+        arm: Option that selects the robot.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Number of worker processes; default: one per CPU core.
         envs: Number of environments per worker, so that simulation continues while the policy computes; default: chosen

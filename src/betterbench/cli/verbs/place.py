@@ -37,7 +37,7 @@ def place_command(
         out: Folder to write.
         tasks: Tasks to adapt; default: all tasks in the suite.
         suite: Suite that contains the tasks.
-        arm: The robot.
+        arm: Option that selects the robot.
         trials: Trials per training condition.
         measure: Measure the grasps and the solved trials; with --no-measure, only the task files are written.
         overwrite: Write to a folder that better place did not make, and replace files of the same names there.

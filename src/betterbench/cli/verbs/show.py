@@ -29,7 +29,7 @@ def show_command(
         out: PNG or JPEG file to write.
         seed: Seed of both scenes.
         size: Side length of each image in pixels.
-        arm: The robot.
+        arm: Option that selects the robot.
         overwrite: Replace a file that better show did not write.
     """
     from betterbench.cli.output.picture_file import picture_file

@@ -61,7 +61,7 @@ def audit_form(tasks: Iterable[Imported], *, suite: str | None) -> dict[str, Any
     """Return audits as a JSON-serializable dict.
 
     Args:
-        tasks: The imported tasks.
+        tasks: Imported tasks, each with its audit.
         suite: Name of the suite folder, or None if no task can be represented in our format.
     """
     return {"schema_version": SCHEMA_VERSION, "suite": suite, "tasks": [_task_form(one) for one in tasks]}

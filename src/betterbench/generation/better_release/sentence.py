@@ -71,7 +71,7 @@ class Sentence:
     """Parsed instruction, with its known nouns.
 
     Attributes:
-        text: The instruction.
+        text: Text of the instruction.
         nouns: Known nouns, in order.
         undecided: Reasons why the instruction cannot be compared with the goals; empty if it can.
     """

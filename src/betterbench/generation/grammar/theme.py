@@ -112,7 +112,7 @@ class Grammar:
     """Themes of a template, from which the offline author writes scenarios.
 
     Attributes:
-        template: The template.
+        template: Template that the scenarios fill.
         themes: Themes of the template.
         requested: Name of scenarios with objects that the user named but that no theme contains.
         general: Instruction of these scenarios.

@@ -45,7 +45,7 @@ class Mention:
         at: Index of the noun's first token.
         end: Index after the noun's last token.
         objects: Names of the objects to which the noun may refer.
-        number: Stated number of objects; 2 for a plural without a number; otherwise 0.
+        number: Stated number of objects; 2 for a plural without a number; 0 for a singular without a number.
     """
 
     at: int
