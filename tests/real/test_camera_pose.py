@@ -356,8 +356,8 @@ def test_the_command_refuses_what_is_no_image(tmp_path, capsys):
     for words, says in (
         ([str(tmp_path / "a.png")], "is not readable as PNG or JPEG"),
         ([str(tmp_path / "b.png")], "b.png"),
-        ([], "Give one image, or --camera 0"),
-        ([str(tmp_path / "a.png"), "--camera", "0"], "Give one image, or --camera 0"),
+        ([], "Give either one image file or --camera 0"),
+        ([str(tmp_path / "a.png"), "--camera", "0"], "Give either one image file or --camera 0"),
         (["--camera", "/nowhere/video"], "sends no frames"),
     ):
         assert main(["real", "check-cameras", *words, "--ruler-mm", "100"]) == 2

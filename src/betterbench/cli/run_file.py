@@ -117,7 +117,9 @@ def _require_plain(path: Path, text: bytes) -> None:
     for token in yaml.scan(text):
         depth += isinstance(token, opening) - isinstance(token, closing)
         if isinstance(token, yaml.AliasToken):
-            raise InvalidInputError(str(path), "the file uses a YAML alias (*name)", "Write the value instead")
+            raise InvalidInputError(
+                str(path), "the file uses a YAML alias (*name)", "Write the value in place of the alias"
+            )
         if depth > _MAX_DEPTH:
             raise InvalidInputError(str(path), "the file is nested too deeply", _CURE)
 
@@ -134,7 +136,7 @@ def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
             continue
         value = value if equals else next(waiting, "")
         if not value:
-            raise InvalidInputError(_OPTION, "no file is named", f"Write {_OPTION} FILE.yaml")
+            raise InvalidInputError(_OPTION, "no file is named", f"Name a file, as in {_OPTION} FILE.yaml")
         found.append(value)
     if len(found) > 1:
         raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give a single run file")

@@ -76,7 +76,9 @@ def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
     for token in yaml.scan(text):
         match token:
             case yaml.AliasToken():
-                raise InvalidInputError(str(path), "the file uses a YAML alias (*name)", "Write the value instead")
+                raise InvalidInputError(
+                    str(path), "the file uses a YAML alias (*name)", "Write the value in place of the alias"
+                )
             case (
                 yaml.FlowSequenceStartToken()
                 | yaml.FlowMappingStartToken()

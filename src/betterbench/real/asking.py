@@ -51,7 +51,9 @@ def require_images_suffice(policy: RealPolicy) -> None:
     needs = PolicyFactory(policy.address).needs
     if needs.state or needs.trial:
         problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
-        raise InvalidInputError(f"policy {policy.name}", problem, "Give a policy that sees images")
+        raise InvalidInputError(
+            f"policy {policy.name}", problem, "Use a policy whose inputs are images and joint states"
+        )
 
 
 class RealPolicies:

@@ -111,7 +111,9 @@ def _import(
     from betterbench.sim.assets.folders.manifest import manifest_of
 
     if out is None:
-        raise InvalidInputError("--out", "no folder for the imported assets is given", "Add --out my_assets")
+        raise InvalidInputError(
+            "--out", "no folder for the imported assets is given", "Name a folder, for example --out my_assets"
+        )
     if not given:
         raise InvalidInputError("assets import", "no file was given", "Name the mesh, URDF or MJCF files to import")
     one_only = {

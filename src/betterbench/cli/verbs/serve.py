@@ -158,7 +158,7 @@ def _key(name: str | None) -> str | None:
     key = os.environ.get(name, "")
     if not key:
         raise InvalidInputError(
-            "--api-key-env", f"the environment variable {name} is empty or not set", "Set it to the API key"
+            "--api-key-env", f"the environment variable {name} is empty or not set", "Set this variable to the API key"
         )
     return key
 

@@ -63,8 +63,8 @@ def vlm_command(
 
     The benchmarks are better-vqa (questions about recorded frames of this suite, no download), embspatial, refspatial
     and egoplan2. better vlm fetch BENCHMARK downloads the data, or lists the files to download and their location.
-    Every item is scored: a missing or unreadable answer counts as wrong. The same command resumes an interrupted run without
-    repeating requests.
+    Every item is scored: a missing or unreadable answer counts as wrong. The same command resumes an interrupted run
+    without repeating requests.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 

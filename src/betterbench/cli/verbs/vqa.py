@@ -166,10 +166,12 @@ def _made(
     from betterbench.vqa.dataset import read_set
 
     if source is not None and run is not None:
-        raise InvalidInputError("better vqa", "expected one folder, got two", "Give a run or a set, or --run RUN")
+        raise InvalidInputError(
+            "better vqa", "expected one folder, got two", "Give either the folder of a run or set, or --run RUN"
+        )
     folder = run if source is None else source
     if folder is None:
-        raise InvalidInputError("better vqa", "no folder is given", "Give a run or a set, or --run RUN")
+        raise InvalidInputError("better vqa", "no folder is given", "Give the folder of a run or set, or add --run RUN")
     if not folder.is_dir():
         raise InvalidInputError("better vqa", f"{folder} is not a folder", "Give the folder of a run or of a set")
     if run is None and (folder / "set.json").exists():

@@ -117,7 +117,7 @@ class _Tally:
             self.variations += number
 
     def expect(self, cell: Cell, mix: _Mix) -> None:
-        """Count a scenario that is being built as an accepted task that has the mean properties of its template."""
+        """While a scenario is being built, count it as an accepted task with the mean properties of its template."""
         self.tasks += 1
         self._count("template", cell.template, 1.0)
         self._count("context", cell.context, 1.0)

@@ -85,7 +85,7 @@ def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
     for spec in (upper, lower):
         if not {"base", "floor"} <= footprint(spec.category).regions:
             problem = f"a {spec.kind} (category {spec.category}) is not a plate: it lacks the region 'base' or 'floor'"
-            raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates of the library")
+            raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates from the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:
         problem = f"a {upper.kind} is {2000 * over.radius_m:.0f} mm wide, the {lower.kind} {2000 * under.radius_m:.0f}"
