@@ -309,7 +309,7 @@ def _recorded(folder: Path, plan: RealPlan) -> set[str]:
 
 
 def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
-    """Raise RecordError if a recorded trial is missing in the journal, which has then lost lines.
+    """Raise RecordError if a recorded trial is missing from the journal, because the journal has then lost lines.
 
     Without this check, the trial would be repeated and its record moved away. An attempt is listed in the journal
     before its folder is created. ``recorded`` has the codes of the trials that had a header before the journal was

@@ -288,7 +288,7 @@ class CellComparison:
     def agrees(self) -> bool | None:
         """Whether the policy mostly succeeds both on the real arm and in simulation, or in neither.
 
-        "Mostly" means in more than half of the trials. None if the cell is not comparable.
+        "Mostly" means in more than half of the trials. The value is None if the cell is not comparable.
         """
         return (2 * self.real.k > self.real.n) is (2 * self.simulated.k > self.simulated.n) if self.comparable else None
 
