@@ -174,7 +174,9 @@ class Draft:
         axes = {Axis.of(v.name) for v in self.variations}
         if len(self.variations) < LEAST_VARIATIONS or len(axes) < LEAST_AXES:
             left = "; ".join(f"{u.axis} {u.title}: {u.reason}" for u in self.unbuilt)
-            problem = f"{len(self.variations)} variations over {len(axes)} axes can be derived, 4 over 3 are needed"
+            problem = (
+                f"{len(self.variations)} variations over {len(axes)} axes can be derived, but 4 over 3 axes are needed"
+            )
             raise InvalidInputError(
                 where, f"{problem} ({left})", "Choose objects that look alike, or objects of other sizes"
             )

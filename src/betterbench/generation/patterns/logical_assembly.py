@@ -116,7 +116,7 @@ def _require_heights(stack: _Stack) -> None:
             if least < low - 0.001 * HEIGHT_MM or most > high + 0.001 * HEIGHT_MM:
                 spec = next((o for o in layers[:level] if o is not one), one)
                 found = f"with a {spec.kind}, layer {level + 1} lies {1000 * least:.0f} to {1000 * most:.0f} mm high"
-                problem = f"{found}; in training, {1000 * low:.0f} to {1000 * high:.0f} mm"
+                problem = f"{found}, but {1000 * low:.0f} to {1000 * high:.0f} mm high in training"
                 cure = "Choose layers whose thickness differs by at most 5 mm; only the last layer may be thicker"
                 raise InvalidInputError(f"cast group 'layers': {spec.name}", problem, cure)
             if most > _TALLEST_M:

@@ -88,7 +88,10 @@ def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
             raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates from the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:
-        problem = f"a {upper.kind} is {2000 * over.radius_m:.0f} mm wide, the {lower.kind} {2000 * under.radius_m:.0f}"
+        problem = (
+            f"a {upper.kind} is {2000 * over.radius_m:.0f} mm wide, but the {lower.kind} below it is only "
+            f"{2000 * under.radius_m:.0f} mm wide"
+        )
         raise InvalidInputError(f"cast group 'plates': {upper.name}", problem, "Choose a smaller upper plate")
 
 
