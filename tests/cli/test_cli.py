@@ -177,7 +177,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("eval", "--policy", "expert", "--replicas", "1"), "--replicas: it applies to Ray clusters"),
         (("eval", "--policy", "expert", "--replica-gpus", "0.5"), "--replica-gpus: it applies to Ray clusters"),
         (("eval", "--policy", "expert", "--ray-address", "auto"), "or leave out --ray-address"),
-        (("eval", "--policy", "expert", "--allow-other-versions"), "Give --from too"),
+        (("eval", "--policy", "expert", "--allow-other-versions"), "Add --from RUN"),
         (("eval", "--policy", "expert", "--variations", "X9"), "X9"),
         (("eval", "--policy", "replay:nowhere"), "no run"),
         (("serve", "replay:x:runs"), "replay:x:runs"),
@@ -191,8 +191,8 @@ def test_variations_are_counted_by_axis(capsys):
         (("report", "no/such/run"), "no run"),
         (("report",), "runs: no run was given"),
         (("compare",), "Give at least two"),
-        (("eval", "--policy", "expert", "--out", ""), "--out: it is empty"),
-        (("eval", "--policy", "expert", "--out="), "--out: it is empty"),
+        (("eval", "--policy", "expert", "--out", ""), "--out: the folder name is empty"),
+        (("eval", "--policy", "expert", "--out="), "--out: the folder name is empty"),
         (("export",), "runs: no run was given"),
         (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
@@ -451,7 +451,7 @@ def test_a_trial_is_filmed_beside_its_twin(capsys, brief_run, tmp_path):
     assert "--size" in err
     status, _, err = run(capsys, "replay", str(record), "--twin", "--check")
     assert status == 2
-    assert "Leave out one of the two" in err.replace("\n", " ")
+    assert "Leave out --twin or --check" in err.replace("\n", " ")
 
 
 @pytest.mark.render

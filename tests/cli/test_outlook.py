@@ -36,7 +36,7 @@ def test_time_is_estimated_from_steps_before_a_trial_has_ended():
     assert outlook.note(progress(2, started_with=2)) == "at most 33 min left · 110 steps"
     said = outlook.first_estimate()
     assert said is not None
-    for part in ("At most 33 min", "from the first 4 s", "25 steps per second", "49,000 steps"):
+    for part in ("At most 33 min", "from the first 4 s", "25 steps per second", "49,000 more steps"):
         assert part in said
     outlook.end(trial(2))
     outlook.end(trial(2))

@@ -121,11 +121,11 @@ def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
     [
         (("exprt",), "Did you mean 'expert'"),
         (("replay:runs/x",), "Evaluate it directly"),
-        (("expert", "--condition", "T1"), "Give --task too"),
+        (("expert", "--condition", "T1"), "Add --task TASK"),
         (("expert", "--task", "fast_food", "--condition", "T11"), "T1"),
         (("expert", "--task", "fast_food", "--seed", "-1"), "--seed"),
         (("expert", "--chunk", "0"), "--chunk"),
-        (("expert", "--seed", "0"), "--seed: it applies only with --task. Give --task too"),
+        (("expert", "--seed", "0"), "--seed: it applies only with --task. Add --task TASK"),
         (("expert", "--batch", "16"), "--batch: expert does not support batches"),
         (("noop", "--batch", "2"), "--batch: noop does not support batches"),
         (("noop", "--chunk", "8"), "--chunk: noop is not an expert"),

@@ -192,7 +192,7 @@ def test_the_native_layout_has_the_joints_of_the_robot(name):
 def test_the_packaged_certificate_is_not_replaced_by_one_of_another_robot(capsys, tmp_path):
     assert main(["certify", "--tasks", "fruit_basket", "--write-package", "--out", str(tmp_path / "made")]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "for robot 'panda', but these tasks are laid out for 'so101'" in said
+    assert "for robot 'panda', but these tasks are for 'so101'" in said
 
 
 def test_a_layout_of_another_robots_actions_is_refused():

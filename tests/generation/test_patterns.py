@@ -235,7 +235,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
 @pytest.mark.parametrize(
     ("cast", "text"),
     [
-        (smaller(LOOSE_PACKING[0], "items", LEMON, FORK), "items.*has 2 objects, three or four are needed"),
+        (smaller(LOOSE_PACKING[0], "items", LEMON, FORK), "items.*has 2 objects, but three or four are needed"),
         (smaller(LOOSE_PACKING[2], "container"), "container.*has 0 objects"),
         (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, KEYBOARD), "keyboard.*has no grasp"),
         (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, CAN), "can is up to .* mm high; .* Choose a smaller object"),
@@ -245,7 +245,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
             smaller(LOOSE_PACKING[0], "items", *LOOSE_PACKING[2].groups["items"]),
             "with its lid, there is room for three",
         ),
-        (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, LEMON), "items.*has 2 objects, three are needed"),
+        (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, LEMON), "items.*has 2 objects, but three are needed"),
         (smaller(PATTERNED_ARRANGEMENT[0], "anchor", BUN), "anchor.*has the sides \\[\\]"),
         (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, FORK, LEMON), "fork reaches .* mm"),
         (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, ROUND), "layers.*has 2 objects"),

@@ -229,9 +229,9 @@ def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
 @pytest.mark.parametrize(
     ("ruler", "says"),
     [
-        (10.0, "seems to be in centimeters. Give millimeters: 100.0"),
-        (3.94, "seems to be in inches. Give millimeters: 100.1"),
-        (0.1, "seems to be in meters. Give millimeters: 100.0"),
+        (10.0, "seems to be in centimeters. Give the length in millimeters: 100.0"),
+        (3.94, "seems to be in inches. Give the length in millimeters: 100.1"),
+        (0.1, "seems to be in meters. Give the length in millimeters: 100.0"),
         (0.0, "0 is not a length. Measure"),
         (-100.0, "-100 is not a length"),
         (float("nan"), "nan is not a length"),
@@ -356,8 +356,8 @@ def test_the_command_refuses_what_is_no_image(tmp_path, capsys):
     for words, says in (
         ([str(tmp_path / "a.png")], "is not readable as PNG or JPEG"),
         ([str(tmp_path / "b.png")], "b.png"),
-        ([], "Give one image, or --camera 0"),
-        ([str(tmp_path / "a.png"), "--camera", "0"], "Give one image, or --camera 0"),
+        ([], "Give either one image file or --camera 0"),
+        ([str(tmp_path / "a.png"), "--camera", "0"], "Give either one image file or --camera 0"),
         (["--camera", "/nowhere/video"], "sends no frames"),
     ):
         assert main(["real", "check-cameras", *words, "--ruler-mm", "100"]) == 2

@@ -63,12 +63,12 @@ def test_bad_arguments_are_one_clear_line(arguments, says, tmp_path, monkeypatch
             "--cameras: expected NAME=VALUE with each name given once, got 'front'",
         ),
         (["--arm-port", "/dev/none"], "lerobot[feetech]"),
-        (["--mock-faults", "latency_s=1"], "--mock-faults: simulated faults apply only to the mock arm"),
+        (["--mock-faults", "latency_s=1"], "--mock-faults: they apply only to the mock arm"),
         (["--robot", "mock", "--mock-faults", "stalled=knee"], "'knee' is not a motor"),
         (["--robot", "mock", "--mock-faults", "speed=3"], "speed"),
-        (["--robot", "mock", "--limits", "limits.json"], "speed_rad_s: -1.0 is not a positive number"),
+        (["--robot", "mock", "--limits", "limits.json"], "speed_rad_s: expected a positive number, got -1.0"),
         (["--robot", "mock", "--camera-size", "320", "0"], "--camera-size: 0 is out of range"),
-        (["--robot", "mock", "--author", " "], "--author: '' is not a name"),
+        (["--robot", "mock", "--author", " "], "--author: '' is not a valid name"),
     ],
 )
 def test_a_run_with_bad_options_moves_nothing(options, says, tmp_path, monkeypatch, capsys):

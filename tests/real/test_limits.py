@@ -152,7 +152,7 @@ def test_an_arm_without_a_finite_position_is_not_moved():
 
 
 def test_a_limit_that_is_none_is_refused():
-    with pytest.raises(InvalidInputError, match=r"speed_rad_s: 0\.0 is not a positive number"):
+    with pytest.raises(InvalidInputError, match=r"speed_rad_s: expected a positive number, got 0\.0"):
         SafetyLimits(speed_rad_s=0.0)
     with pytest.raises(InvalidInputError, match="limits: box"):
         SafetyLimits(box_low=(0.5, 0.0, 0.0))

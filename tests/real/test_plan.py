@@ -65,7 +65,7 @@ def test_a_code_is_independent_of_condition_and_policy():
     ("options", "error", "says"),
     [
         ({"conditions": ["O1", "O1"]}, InvalidInputError, "conditions: 'O1' is given 2 times"),
-        ({"conditions": []}, InvalidInputError, "conditions: is empty"),
+        ({"conditions": []}, InvalidInputError, "conditions: the list is empty"),
         ({"conditions": ["O99"]}, UnknownNameError, "Unknown condition of fruit_basket 'O99'"),
         ({"task": "fast_food"}, InvalidInputError, "has no diagnostic matrices"),
         ({"task": "fruit_baskets"}, UnknownNameError, "fruit_basket"),
@@ -118,7 +118,7 @@ def test_a_plan_is_read_back_and_never_replaced(tmp_path):
     write_plan(tmp_path, plan)
     write_plan(tmp_path, plan)
     assert read_plan(tmp_path) == plan
-    with pytest.raises(InvalidInputError, match="is another plan"):
+    with pytest.raises(InvalidInputError, match="contains a different plan"):
         write_plan(tmp_path, make_plan(TWO, seed=2))
 
 

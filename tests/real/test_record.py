@@ -258,7 +258,7 @@ def test_damaged_files_are_named(folder, codes):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"time_s": np.array([0.0, 0.1, 0.1])}, "'time_s' does not increase"),
+        ({"time_s": np.array([0.0, 0.1, 0.1])}, "column 'time_s' do not increase"),
         ({"state": np.full((3, 6), np.nan)}, "'state' contains a non-finite value"),
         ({"command": np.full((3, 6), np.inf)}, "'command' contains a non-finite value"),
     ],

@@ -102,6 +102,6 @@ def test_no_limit_is_exceeded_from_any_state(unit):
         state[5] = rng.uniform(0.0, 100.0)
         _, limiter, commands, problem = way_from(state, unit)
         require_limits(limiter, state, commands)
-        assert problem == "" or "did not reach its start within 15 s" in problem
+        assert problem == "" or "did not reach its initial pose within 15 s" in problem
         reached += not problem
     assert reached > 10

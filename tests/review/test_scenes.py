@@ -274,7 +274,7 @@ def test_tasks_and_conditions_are_queued_once():
         (["scenes"], "no task is given"),
         (["scenes", "x"], "Give tasks with --tasks"),
         (["scenes", "--tasks", "fruit_lunsh"], "Did you mean 'fruit_lunch'"),
-        (["assets"], "Give it with --asset-dir"),
+        (["assets"], "Give the folder with --asset-dir"),
         (["--tasks", "fruit_lunch"], "better review scenes --tasks TASK"),
         (["apply", "a.jsonl"], "no folder is given"),
         (["apply", "--out", "x"], "0 review files are given"),

@@ -294,4 +294,4 @@ def test_tiles_reach_the_endpoint(tmp_path, serve):
 def test_tiles_of_a_single_tile_are_refused(tmp_path, capsys):
     line = lines(tmp_path, "http://127.0.0.1:9", "--out", str(tmp_path / "run"), "--eyes", "tile-1", "--max-tiles", "6")
     assert main(line) != 0
-    assert "uses one tile" in " ".join(capsys.readouterr().err.split())
+    assert "uses one tile per image" in " ".join(capsys.readouterr().err.split())

@@ -1,9 +1,10 @@
 """The command line ``better``.
 
-- ``main``: the table of subcommands, and the options that every subcommand has.
-- ``subcommands``: one file per subcommand; only the chosen subcommand is imported.
+- ``main``: the table of all subcommands, and the options that are common to them.
+- ``verbs``: one file per subcommand; only the chosen subcommand is imported.
 - ``output``: the tables and lines that subcommands print.
-- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: output, help texts, checks of options.
+- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: messages, progress bars, statistics shown during a
+  run, help texts, and range checks of options.
 """
 
 import atexit
@@ -18,7 +19,10 @@ _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Return whether Ctrl-C was pressed. Interrupted native code may raise an error other than KeyboardInterrupt."""
+    """Return whether the user pressed Ctrl-C.
+
+    Callers check this because interrupted native code may raise an error other than KeyboardInterrupt.
+    """
     return bool(_interrupts)
 
 
@@ -28,7 +32,10 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _too_late(number: int, _frame: FrameType | None) -> None:
-    """Ignore the first Ctrl-C after the work is done. A second Ctrl-C ends a process that hangs."""
+    """Ignore the first Ctrl-C that arrives after the work is done.
+
+    A second Ctrl-C ends the process, in case it hangs.
+    """
     signal.signal(number, signal.SIG_DFL)
 
 

@@ -1,4 +1,4 @@
-"""Range checks of numeric options, and standard output reserved for a JSON document."""
+"""Range checks for numeric options, and a wrapper that reserves standard output for a JSON document."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ LIMITS: Mapping[str, tuple[float, float]] = {
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a subcommand so that it checks numeric options first and, with ``--json``, prints only its JSON document."""
+    """Wrap a subcommand so that its numeric options are checked before it runs.
+
+    If ``--json`` is given, the wrapped subcommand prints nothing but its JSON document on standard output.
+    """
 
     def verb(*args: object, **options: object) -> None:
         for name, value in _numbers(options):

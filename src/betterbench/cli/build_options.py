@@ -1,4 +1,4 @@
-"""Options of subcommands that build and certify tasks: ``better build``, ``better generate`` with ``--build``."""
+"""Options shared by the subcommands that build and certify tasks: ``better build`` and ``better generate --build``."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class BuildOptions:
-    """Options of a build.
+    """Options for building and certifying tasks.
 
     Attributes:
         name: Name of the suite; a digest of its tasks is appended.
-        seeds: Trials to certify per variation; the maximum for better eval --trials.
-        demonstrations: Expert demonstrations to measure per task.
-        power: Trials of each faulty policy per variation, to measure whether the variation exposes a fault; 0 for none.
+        seeds: Number of trials to certify per variation; better eval --trials can use at most this number.
+        demonstrations: Number of expert demonstrations to measure per task.
+        power: Number of trials that each faulty policy runs per variation, to measure whether the variation exposes the
+            fault; 0 skips this measurement.
         workers: Number of worker processes; default: one per CPU core.
-        catalogue: Catalogue made by better assets index, from which objects missing in the library are imported.
+        catalogue: Catalogue written by better assets index. Objects that the library lacks are imported from this
+            catalogue.
     """
 
     name: str = "generated"
@@ -35,12 +37,12 @@ class BuildOptions:
 
     @property
     def processes(self) -> int:
-        """Number of worker processes."""
+        """Number of worker processes: the given number, or one per CPU core."""
         return self.workers or os.cpu_count() or 1
 
     @property
     def settings(self) -> Settings:
-        """Settings of the build, which determine its results."""
+        """Settings that affect the results of the build. They do not include the number of worker processes."""
         from betterbench.generation.building.result import Settings
 
         return Settings(self.seeds, self.demonstrations)

@@ -1,6 +1,6 @@
-"""Machine checks of ``better doctor``.
+"""Checks of this machine for ``better doctor``.
 
-Each check imports the simulator separately, so that a failed import is reported as a failed check.
+Each check imports the simulator on its own, so that an import error is reported as a failed check.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check: the finding, and the remedy if it failed."""
+    """Result of one check: what was found and, if the check failed, how to fix the problem."""
 
     name: str
     works: bool
@@ -36,7 +36,7 @@ class Check:
 
 
 def run_checks() -> list[Check]:
-    """Run every check of this machine."""
+    """Run all checks of this machine and return their results."""
     return [*(_try(name, check) for name, check in CHECKS.items()), *_extras(), *_worlds()]
 
 
@@ -50,7 +50,7 @@ def _try(name: str, check: Callable[[], str]) -> Check:
 
 
 def _extras() -> list[Check]:
-    """List the installed extras. Missing extras are not failures."""
+    """Return one result per optional extra of the package. A missing extra does not count as a failure."""
     return [
         Check(
             f"extra {name}",
@@ -62,7 +62,7 @@ def _extras() -> list[Check]:
 
 
 def _worlds() -> list[Check]:
-    """List the installed simulators of other worlds. Missing simulators are not failures."""
+    """Return one result per external simulator ("world"). A missing simulator does not count as a failure."""
     try:
         from betterbench.sim.worlds import all_worlds
     except BetterError as error:  # the registry imports MuJoCo, which rejects a wrong MUJOCO_GL

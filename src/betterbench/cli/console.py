@@ -32,15 +32,15 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 
 
 class Terminal(Console):
-    """Console that removes control characters, because the text may come from an untrusted file.
+    """Console that removes control characters from printed texts, since a text may come from an untrusted file.
 
-    Commands in these texts are adapted so that they work in this installation.
+    Commands that are recommended in a text are rewritten to match the way in which this program was started.
     """
 
-    def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print with rich, without control characters and with commands adapted to this installation.
+    def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - the options of rich
+        """Print with rich, without control characters, and with commands that match the way this program was started.
 
-        Brackets are read as a style only if ``markup`` is set.
+        Brackets are taken as styles only if ``markup`` is set.
         """
         options.setdefault("markup", False)
         super().print(*(as_started_here(_printable(o)) if isinstance(o, str) else o for o in objects), **options)
@@ -77,7 +77,11 @@ _PLAIN = {
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:
-    """Return a replacement for the text that could not be encoded, and the position to continue from."""
+    """Error handler for characters that an output stream cannot encode.
+
+    Returns:
+        The replacement for these characters, and the position at which encoding continues.
+    """
     if not isinstance(problem, UnicodeEncodeError):
         raise problem
     text = problem.object[problem.start : problem.end].translate(_PLAIN)
@@ -85,7 +89,10 @@ def _replaced(problem: UnicodeError) -> tuple[str, int]:
 
 
 def make_streams_patient() -> None:
-    """Let standard output and standard error replace characters that they cannot encode, as on an ASCII terminal."""
+    """Make standard output and standard error replace the characters that they cannot encode.
+
+    An ASCII terminal, for example, cannot encode a dash or a degree sign.
+    """
     codecs.register_error(_STAND_IN, _replaced)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and "utf" not in stream.encoding.lower():
@@ -138,7 +145,10 @@ def print_json(document: object) -> None:
 
 
 def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print one line per row. The last column, which is running text, is indented below the line."""
+    """Print each row on one line.
+
+    The last cell of a row is running text. It is printed indented below the line.
+    """
     widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
     for number, (*cells, prose) in enumerate((columns, *rows)):
         line = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
@@ -148,7 +158,10 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
-    """Print a table. Numeric columns are right-aligned, and brackets in names are not interpreted as styles."""
+    """Print a table with right-aligned numeric columns.
+
+    Brackets in cells are printed as they are, not taken as styles.
+    """
     from rich.table import Table
     from rich.text import Text
 
@@ -164,7 +177,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
 
 
 def print_item(text: str, *, indent: int = 0) -> None:
-    """Print a list item. On a terminal, it is wrapped at words with a hanging indent.
+    """Print a list item. On a terminal, the item is wrapped at words with a hanging indent.
 
     A number and its percent sign stay on the same line.
     """
@@ -179,13 +192,13 @@ def print_item(text: str, *, indent: int = 0) -> None:
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, wrapped at words on a terminal.
 
-    If ``whole`` is set, lines are not wrapped, so that a path can be copied.
+    If ``whole`` is set, lines are not wrapped, so that a path in the message can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
 
 def complain(problem: str) -> None:
-    """Print an error like :func:`say`, on one line even if an untrusted name contains line breaks."""
+    """Print an error message on standard error. It stays on one line even if a name in it contains line breaks."""
     from rich.text import Text
 
     ERR.print(
@@ -195,7 +208,7 @@ def complain(problem: str) -> None:
 
 
 def styled_text(text: str) -> str:
-    """Escape an untrusted text for use where rich reads brackets as styles."""
+    """Escape untrusted text, so that rich does not take its brackets as styles."""
     from rich.markup import escape
 
     return escape(one_line(text, most=LONGEST_MESSAGE))
@@ -207,7 +220,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback ``(done, total)`` that updates a progress bar. The bar disappears at the end."""
+    """Show a progress bar that disappears at the end, and yield a callback ``(done, total)`` that updates the bar."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 
@@ -216,9 +229,12 @@ def passing_bar(what: str) -> Iterator[OnCount]:
 def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = True) -> Iterator[tuple[Progress, Any]]:
     """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
-    A ``total`` of 0 means that the amount of work is not known yet. With ``estimate=False``, the bar shows no times and
-    no progress lines are printed. Use it if the note already contains the times. With ``stays``, the bar remains at the
-    end and shows the elapsed time. Use it for the main work of a command.
+    Args:
+        what: Name of the work.
+        total: Amount of work; 0 if it is not known yet.
+        estimate: Whether the elapsed or remaining time is shown, and whether progress lines are printed if standard
+            error is not a terminal. Set it to False if the note of the bar already contains the times.
+        stays: Whether the bar stays on the screen after the work has ended, and then shows the elapsed time.
     """
     from betterbench.cli.progress import WorkProgress
 

@@ -1,4 +1,4 @@
-"""Help texts wrapped to the terminal width, without defaults that the description already states."""
+"""Help texts, wrapped to the terminal width. Default values that a description already states are not repeated."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ INDENT = "  "
 def description_of(function: object) -> str:
     """Return a function's description without its arguments, wrapped to the terminal width.
 
-    A long example is split so that both lines can be pasted into a shell.
+    An example command that is too long for one line is split with a backslash, so that it can be pasted into a shell.
     """
     text = inspect.getdoc(function) or ""
     width = min(shutil.get_terminal_size().columns, WIDEST)
@@ -53,7 +53,10 @@ def color_as_asked() -> None:
 
 @contextlib.contextmanager
 def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
-    """Shorten the usage line of the overview to COMMAND if the list of subcommands does not fit the terminal."""
+    """Shorten the usage line in the overview of all subcommands.
+
+    If the list of subcommands does not fit the terminal, it is replaced by COMMAND.
+    """
     listed = "{" + ",".join(verbs) + "}"
 
     class Brief:
@@ -74,7 +77,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
 
 
 def word_options(function: Callable[..., None]) -> None:
-    """Set the placeholders and defaults that the help shows for a subcommand's options."""
+    """Set the placeholders and default values that the help shows for a subcommand's options."""
     parameters = inspect.signature(function).parameters
     hints = function.__annotations__
     function.__annotations__ = hints | {
@@ -101,7 +104,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
 
 
 def _value(name: str, bare: Any, marks: Sequence[object]) -> str | None:  # noqa: ANN401 - a type hint
-    """Return the placeholder for an option's value, or None for tyro's own."""
+    """Return the placeholder for an option's value, or None to keep the placeholder that tyro chooses."""
     several = get_origin(bare) is tuple
     kinds = [kind for kind in get_args(bare) if kind not in (NoneType, Ellipsis)] or [bare]
     value = VALUES.get(kinds[0]) if len(kinds) == 1 else None

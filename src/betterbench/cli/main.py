@@ -40,12 +40,12 @@ LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
 
 @dataclass(slots=True)
 class Telling:
-    """Logging options of the command line: log level and tracebacks."""
+    """Logging options given on the command line: the log level, and whether errors are printed with a traceback."""
 
     traceback: bool = False
 
     def begin(self, level: LogLevel, *, with_traceback: bool) -> None:
-        """Set the log level of this process and of the workers it starts."""
+        """Set the log level of this process and of the worker processes it starts."""
         os.environ[LOG_LEVEL_VARIABLE] = level.upper()
         logging.getLogger("betterbench").setLevel(level.upper())
         self.traceback = with_traceback
@@ -56,14 +56,14 @@ class Verb:
     """A subcommand of the command line.
 
     Attributes:
-        function: Location of the function: "module:name" in the package of subcommands, or the full name of a function
-            of betterbench-calibration.
-        takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
-        takes_suite: Whether it accepts ``--suite`` in addition to its own options. Without ``--tasks``, the subcommand
-            then works on the tasks of the suite.
-        takes_run_file: Whether its options may be given in a run file.
-        commands: Nested commands ("import" of ``better assets import``), each with its own options. The function of the
-            subcommand then only provides the overview as help text.
+        function: Location of the function: "module:name" in the package of subcommands, or the full name if the
+            function belongs to the package betterbench-calibration.
+        takes_tasks: Whether the subcommand accepts ``--task-file`` and ``--asset-dir``.
+        takes_suite: Whether the subcommand also accepts ``--suite``. If it does and ``--tasks`` is not given, the
+            subcommand works on the tasks of the suite.
+        takes_run_file: Whether the options may be given in a run file.
+        commands: Nested commands, each with its own options, such as "import" in ``better assets import``. If there are
+            nested commands, the function of the subcommand itself only provides the overview in the help.
     """
 
     function: str
@@ -74,7 +74,7 @@ class Verb:
     commands: Mapping[str, Verb] = field(default_factory=dict)
 
     def load(self, telling: Telling) -> Callable[..., None]:
-        """Import the function of the subcommand, and add the options of all subcommands."""
+        """Import the function of the subcommand, and add the options that all subcommands have."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
             problem = "This subcommand is part of betterbench-calibration, which is not installed"
@@ -183,13 +183,13 @@ VERBS: dict[str, Verb] = {
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
 ) | {"vqa", "vlm", "demo", "train", "study", "assets", "review", "generate", "build", "real"}
-"""Verbs whose command can be repeated to resume after an interruption."""
+"""Subcommands that resume an interrupted job when the same command is given again."""
 
 EXIT_BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one subcommand and return the exit status: 0, or 2 if the input was wrong."""
+    """Run one subcommand and return the exit status: 0, 2 if the input was wrong, or 130 after Ctrl-C."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
@@ -235,7 +235,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _require_out(given: Sequence[str]) -> None:
     """Raise InvalidInputError if --out has an empty value, which would otherwise mean the current folder."""
     if "--out=" in given or any(pair == ("--out", "") for pair in itertools.pairwise(given)):
-        raise InvalidInputError("--out", "it is empty", "Give a folder; a shell variable in it may not be set")
+        raise InvalidInputError(
+            "--out", "the folder name is empty", "Give a folder, and check that every shell variable in its name is set"
+        )
 
 
 def every_command() -> dict[str, Verb]:
@@ -247,9 +249,9 @@ def every_command() -> dict[str, Verb]:
 
 
 def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
-    """Return name and description of the chosen subcommand, and the remaining arguments.
+    """Return the name and the entry of the chosen subcommand, and the remaining arguments.
 
-    Options may precede the name.
+    Options may precede the name of a nested command.
     """
     verb, rest = VERBS[given[0]], list(given[1:])
     if not verb.commands or not rest:
@@ -300,7 +302,11 @@ def _show_overview(given: Sequence[str]) -> None:
 
 
 def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
-    """Return a subcommand with its options, or its summary alone if it is not installed."""
+    """Return the function that represents a subcommand in the overview.
+
+    If ``with_options`` is set and the package of the subcommand is installed, this is the subcommand itself. Otherwise,
+    it is an empty function whose docstring is the summary of the subcommand.
+    """
     if with_options:
         with suppress(MissingDependencyError):
             return verb.load(Telling())
@@ -312,7 +318,7 @@ def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
 
 
 def _with_log_options(function: Callable[..., None], telling: Telling) -> Callable[..., None]:
-    """Return a subcommand that also takes ``--log-level`` and ``--traceback``."""
+    """Wrap a subcommand so that it also takes ``--log-level`` and ``--traceback``."""
 
     def verb(*args: object, log_level: LogLevel = "warning", traceback: bool = False, **options: object) -> None:
         telling.begin(log_level, with_traceback=traceback)
@@ -321,15 +327,15 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
     _with_options(
         verb,
         function,
-        log_level="Log level on standard error, also for worker processes.",
-        traceback="Also print the traceback of an error.",
+        log_level="Minimum level of the log messages on standard error, also for worker processes.",
+        traceback="If an error occurs, also print its traceback.",
     )
     word_options(verb)
     return verb
 
 
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a subcommand that also takes ``--task-file`` and ``--asset-dir``, and loads both before anything else."""
+    """Wrap a subcommand so that it also takes ``--task-file`` and ``--asset-dir``, and loads both before it starts."""
 
     def verb(
         *args: object,
@@ -352,7 +358,7 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a subcommand that also takes ``--suite``, and uses the suite's tasks if ``--tasks`` is not given."""
+    """Wrap a subcommand so that it also takes ``--suite``, and uses the suite's tasks if ``--tasks`` is not given."""
     takes_names = "tasks" in inspect.signature(function).parameters
 
     def verb(*args: object, suite: str | None = None, **options: object) -> None:
@@ -364,13 +370,16 @@ def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
                 options["tasks"] = of_suite
         function(*args, **options)
 
-    use = "its tasks are used if --tasks is not given" if takes_names else "its tasks are loaded"
-    text = f"Packaged suite, or folder with a suite in JSON; {use}."
+    use = "the suite's tasks are used if --tasks is not given" if takes_names else "the suite's tasks are loaded"
+    text = f"Name of a packaged suite, or folder with a suite in JSON; {use}."
     return _with_options(verb, function, suite=text)
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a subcommand whose help lists ``--run-file``. :meth:`Verb.words` has already processed the option."""
+    """Wrap a subcommand so that its help lists ``--run-file``.
+
+    When the wrapper is called, :meth:`Verb.words` has already replaced ``--run-file`` with the options in the file.
+    """
 
     def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
         del run_file
@@ -384,9 +393,12 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a subcommand's wrapper the options, type hints and help of both functions.
+    """Give the wrapper of a subcommand all options, type hints and help texts: those of the subcommand and its own.
 
-    ``texts`` has the help texts by option.
+    Args:
+        verb: Wrapper, which adds options.
+        function: Wrapped subcommand.
+        texts: Help text of each added option, by option name.
     """
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)

@@ -1,4 +1,4 @@
-"""Estimates of a run's duration, printed before and during the run."""
+"""Estimates of the duration of a run, printed before and during the run."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LONG_S = 300.0
 
 @dataclass(slots=True)
 class Outlook:
-    """Estimate of the remaining time, from a session's control steps.
+    """Estimate of the remaining time of a run, based on the speed of the current session.
 
     Attributes:
-        limits: Maximum steps of each trial; empty if not known.
-        steps: Control steps of this session.
+        limits: Maximum number of control steps of each trial; empty if unknown.
+        steps: Number of control steps that were executed in this session.
     """
 
     limits: Mapping[TrialId, int]
@@ -37,7 +37,7 @@ class Outlook:
     _now_s: float = 0.0
 
     def begin(self, done: set[TrialId]) -> None:
-        """Subtract the trials that are already done from the remaining trials."""
+        """Exclude the trials that are already done from the remaining work."""
         self._ended = set(done)
         self._left = sum(limit for trial, limit in self.limits.items() if trial not in self._ended)
 
@@ -48,7 +48,7 @@ class Outlook:
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Record the number of steps in this session at a time of the monotonic clock [s]."""
+        """Record how many steps this session has executed at the given time of the monotonic clock [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:
@@ -56,23 +56,23 @@ class Outlook:
 
     @property
     def seen_s(self) -> float:
-        """Time since the first reported steps [s]."""
+        """Time since the first report of executed steps [s]."""
         return 0.0 if self._first is None else self._now_s - self._first[0]
 
     @property
     def rate(self) -> float | None:
-        """Steps per second since the first report, or None before the second one."""
+        """Steps per second since the first report, or None until there is a second report."""
         if self._first is None or self.seen_s <= 0.0:
             return None
         return (self.steps - self._first[1]) / self.seen_s
 
     @property
     def most_left_s(self) -> float | None:
-        """Remaining time if every trial takes the maximum number of steps [s], or None without an estimate."""
+        """Remaining time if every trial takes its maximum number of steps [s], or None if the time is not known yet."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:
-        """Return the remaining time and the steps for the progress line of a run."""
+        """Return a text with the remaining time and the number of steps, for the progress line of a run."""
         ended = progress.done - progress.started_with
         if ended < min(FEW, progress.planned - progress.started_with) and self.most_left_s is not None:
             parts = [f"at most {duration(self.most_left_s)} left"]
@@ -81,10 +81,11 @@ class Outlook:
         return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
 
     def first_estimate(self) -> str | None:
-        """Return a message that estimates the run's duration after its first seconds, or None for a short run."""
+        """Return a message that estimates the duration of a run from its first seconds; None if the run is short."""
         if self.most_left_s is None or self.most_left_s < LONG_S:
             return None
         return (
             f"At most {duration(self.most_left_s)} left, estimated from the first {self.seen_s:.0f} s: {self.rate:.0f} "
-            f"steps per second, and {self._left:,} steps if none ends early. Ctrl-C stops; the same command resumes."
+            f"steps per second, and {self._left:,} more steps if no trial ends early. Ctrl-C stops the run; the same "
+            f"command resumes it."
         )

@@ -1,4 +1,4 @@
-"""Functions for subcommands with a browser page: name of the person, and exit of the process."""
+"""Helpers for subcommands that serve a web page: they check the name of the user and end the process."""
 
 from __future__ import annotations
 
@@ -10,23 +10,28 @@ from betterbench.errors import InvalidInputError, one_line
 
 
 def person_named(name: str | None, option: str) -> str:
-    """Return a person's name, by default the user name. Raises InvalidInputError unless it is a short line."""
+    """Return the given name, or the login name if no name is given.
+
+    Raises:
+        InvalidInputError: If the name is empty, is longer than 80 characters, or contains characters that cannot be
+            printed.
+    """
     try:
         who = getpass.getuser() if name is None else name
     except (KeyError, OSError):  # this process's user id has no user name
         who = "unknown"
     if not who.strip() or one_line(who, most=80) != who:
         raise InvalidInputError(
-            option, f"{one_line(who, most=40)!r} is not a name", "Give a name of 1 to 80 printable characters"
+            option, f"{one_line(who, most=40)!r} is not a valid name", "Give a name of 1 to 80 printable characters"
         )
     return who
 
 
 def end_process() -> None:
-    """Exit the process even if threads are still running.
+    """End the process even if threads are still running.
 
-    Threads that compile a scene, render an image or wait for the browser cannot be interrupted. Call this after all
-    results are written and the locks are released.
+    Threads that compile a scene, render an image or wait for the browser cannot be interrupted. Call this function only
+    after all results are written and all locks are released.
     """
     sys.stdout.flush()
     sys.stderr.flush()

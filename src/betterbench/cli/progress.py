@@ -1,4 +1,4 @@
-"""Progress of long-running work: a one-line bar on a terminal, or occasional progress lines elsewhere."""
+"""Progress display for long-running work: a one-line bar on a terminal, or occasional progress lines elsewhere."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 
 
 class _Widths(NamedTuple):
-    """Column widths of the parts of the line that can shrink. An omitted part has width 0."""
+    """Widths of the parts of the progress line that can be shortened, in columns. An omitted part has width 0."""
 
     what: int
     bar: int
@@ -37,13 +37,15 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that counts and times do not use. All parts except the first include a leading space.
+    """Divide the columns that are not used by counts and times among the name, the bar and the note.
+
+    All parts except the first include a leading space.
 
     Args:
-        room: Total columns.
+        room: Number of free columns.
         what: Width of the work's name in columns.
-        note: Columns of the note.
-        note_first: Whether the note has priority over bar and name; otherwise the note is cut first.
+        note: Width of the note in columns.
+        note_first: Whether the note has priority over bar and name; otherwise the note is shortened first.
     """
     if not note:
         bar = min(MOST_BAR, max(LEAST_BAR, room - what - 1))
@@ -70,7 +72,7 @@ def _clock(seconds: float) -> str:
 
 
 def took(seconds: float, size: int) -> str:
-    """Format the size of a data set and the time it took: "1.1 GB on disk, 0:22:55 in this session".
+    """Format the size of a data set and the time spent in this session: "1.1 GB on disk, 0:22:55 in this session".
 
     The time of earlier sessions of a resumed job is not included.
     """
@@ -78,7 +80,7 @@ def took(seconds: float, size: int) -> str:
 
 
 def _count_text(task: Task) -> str:
-    """Format the progress ("  7/120"), empty while the total is unknown."""
+    """Format the amount of finished work ("  7/120"). The text is empty while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"
@@ -130,9 +132,10 @@ class WorkProgress(Progress):
 
     Args:
         console: Console on which the bar is drawn, if it is a terminal.
-        timed: Whether to show the elapsed or remaining time. If not, a missing note is replaced by the elapsed time.
+        timed: Whether to show the elapsed or remaining time. If not, the elapsed time is shown only while the note is
+            empty.
         stays: Whether the bar remains after the work has ended.
-        log: Function that receives the lines if there is no terminal; None to print no lines.
+        log: Function that receives the progress lines if there is no terminal. If it is None, no lines are printed.
     """
 
     def __init__(self, console: Console, *, timed: bool, stays: bool, log: Callable[[str], None] | None) -> None:
@@ -142,15 +145,15 @@ class WorkProgress(Progress):
         self._log = None if console.is_terminal else log
         self._next_line = time.monotonic() + FIRST_LINE_S
 
-    def update(self, task_id: TaskID, **changes: Any) -> None:  # noqa: ANN401 - those of rich
-        """Show a new state of the work, with the arguments of :class:`rich.progress.Progress`."""
+    def update(self, task_id: TaskID, **changes: Any) -> None:  # noqa: ANN401 - the arguments of rich
+        """Update the progress. The arguments are those of :meth:`rich.progress.Progress.update`."""
         super().update(task_id, **changes)
         if self._log is not None and time.monotonic() >= self._next_line:
             self._next_line = time.monotonic() + NEXT_LINE_S
             self._log(_logged(self._tasks[task_id]))
 
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
-        """Add to the amount of finished work."""
+        """Increase the amount of finished work."""
         self.update(task_id, advance=advance)
 
 

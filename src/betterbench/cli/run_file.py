@@ -1,4 +1,4 @@
-"""Run files: ``better eval`` options in a YAML file that can be kept with the result."""
+"""Run files: YAML files with options of ``better eval`` that can be kept with the results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 _OPTION = "--run-file"
 _MAX_BYTES = 64 * 1024
 _MAX_DEPTH = 4
-_CURE = "Correct the run file; docs/command-line.md shows one"
+_CURE = "Correct the run file; docs/command-line.md shows an example"
 
 Name = Annotated[str, Field(min_length=1, max_length=4096)]
 
@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: ``better eval`` options by name, with values as on the command line."""
+    """Content of a run file: options of ``better eval`` by name, with the values they can have on the command line."""
 
     policy: Name | None = None
     out: Name | None = None
@@ -117,9 +117,11 @@ def _require_plain(path: Path, text: bytes) -> None:
     for token in yaml.scan(text):
         depth += isinstance(token, opening) - isinstance(token, closing)
         if isinstance(token, yaml.AliasToken):
-            raise InvalidInputError(str(path), "the file uses a YAML alias (*name)", "Write the value instead")
+            raise InvalidInputError(
+                str(path), "the file uses a YAML alias (*name)", "Write the value in place of the alias"
+            )
         if depth > _MAX_DEPTH:
-            raise InvalidInputError(str(path), "it is nested too deep", _CURE)
+            raise InvalidInputError(str(path), "the file is nested too deeply", _CURE)
 
 
 def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
@@ -134,10 +136,10 @@ def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
             continue
         value = value if equals else next(waiting, "")
         if not value:
-            raise InvalidInputError(_OPTION, "the file is missing", f"Write {_OPTION} FILE.yaml")
+            raise InvalidInputError(_OPTION, "no file is named", f"Name a file, as in {_OPTION} FILE.yaml")
         found.append(value)
     if len(found) > 1:
-        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give one file")
+        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give a single run file")
     return (Path(found[0]) if found else None), rest
 
 
@@ -152,7 +154,9 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
     values = [str(v) for v in value] if isinstance(value, tuple) else [str(value)]
     for text in values:
         if text.startswith("-") and isinstance(value, str | tuple):
-            raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write ./NAME for a path")
+            raise InvalidInputError(
+                f"{path}: {name}", f"{text!r} begins with a dash", "If this is a path, write it as ./NAME"
+            )
     if name in ("task_file", "asset_dir"):  # these options are repeated for each path
         yield from (word for text in values for word in (option, text))
     else:

@@ -13,14 +13,15 @@ from betterbench.tasks import TrialId
 
 @dataclass(slots=True)
 class RunTally:
-    """Counts of a run in progress.
+    """Counts of the finished trials while a run is in progress.
 
     Attributes:
-        ambiguous: Number of planned trials without a right or wrong outcome, which are not judged.
+        ambiguous: Planned trials for which no outcome is right or wrong. These trials are not judged.
         judged: Number of trials with a record and a right or wrong outcome.
         successes: Number of judged trials that succeeded.
         policy_errors: Number of trials that ended with an error of the policy.
-        broken: Number of trials without a record because of an error in this session. The same command runs them again.
+        broken: Number of trials that have no record because of an error in this session. The same command runs them
+            again.
     """
 
     ambiguous: frozenset[TrialId] = frozenset()
@@ -51,9 +52,9 @@ class RunTally:
         self.policy_errors += outcome.termination == "policy_error"
 
     def note(self, progress: Progress, *, left: str | None = None) -> str:
-        """Return the note of the progress bar: pace, time left, successes, policy errors, broken trials, verdicts.
+        """Return the note of the progress bar: pace, time left, successes, policy errors, broken trials and verdicts.
 
-        If ``left`` is given, it replaces the pace and the time left that are computed from ended trials.
+        If ``left`` is given, it replaces the pace and the time left that are otherwise computed from finished trials.
         """
         first = pace(progress) if left is None else left
         parts = [first] if first else []
@@ -69,9 +70,10 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return trials per minute of this session and the time left; empty before the first trial has ended.
+    """Return a text with the trials per minute and the time left.
 
-    For a run with ``--until-decided``, the time left is an upper bound.
+    The text is empty until the first trial of this session has ended. For a run with ``--until-decided``, the time left
+    is an upper bound.
     """
     ended = progress.done - progress.started_with
     if ended < 1 or progress.elapsed_s <= 0.0:
@@ -84,7 +86,7 @@ def pace(progress: Progress) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a duration as text: "40 s", "12 min", "3 h 05 min"."""
+    """Format a duration: "40 s", "12 min", "3 h 05 min"."""
     whole = round(seconds)
     if whole < 90:
         return f"{whole} s"
@@ -93,7 +95,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return a sentence about a policy's answer times; empty if they are unknown."""
+    """Describe how long the policy takes to answer. The text is empty if this is unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -113,10 +115,12 @@ def _milliseconds(seconds: float) -> str:
 
 
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the time spent in each part of a run, and a sentence about the bottleneck with a remedy.
+    """Describe how much time each part of a run took, and which part is the bottleneck, with a remedy.
 
-    ``drawn_here`` is True if the workers render the images, and False if a world's own simulator does. ``chosen`` is
-    True if a warm-up chose the number of environments.
+    Args:
+        times: Time spent in each part of the run.
+        drawn_here: Whether the workers render the images. Otherwise, the simulator of an external world renders them.
+        chosen: Whether a warm-up chose the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
     parts = (
@@ -127,19 +131,19 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
 
 def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return a sentence about the bottleneck of a run, with a remedy."""
+    """Return a sentence that names the bottleneck of a run and a remedy."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":
-        more = "more of them" if chosen else "more --envs, more of these servers"
+        more = "more servers" if chosen else "more --envs, more servers"
         return (
             f"The policy is the bottleneck: the workers waited for it {100 * times.idle:.0f} % of their time. Use a "
-            f"faster server, {more} or, where the policy was trained for it, longer chunks (horizon=N)."
+            f"faster server, {more} or, if the policy was trained for them, longer action chunks (horizon=N)."
         )
     if times.bottleneck == "wire":
         return (
-            "Data transfer is the bottleneck: request images of the size that the policy needs (size=N), images=jpeg "
-            "for vla-eval, or use more --workers."
+            "Data transfer is the bottleneck: send images only as large as the policy needs (size=N), send JPEG images "
+            "to a vla-eval server (images=jpeg), or use more --workers."
         )
     if times.bottleneck == "rendering":
         less = ", --quality fast or --observation state_only (if the policy needs no images)" if drawn_here else ""

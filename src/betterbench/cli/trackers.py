@@ -1,4 +1,4 @@
-"""Export of a run's metrics to experiment trackers: TensorBoard and Weights & Biases."""
+"""Export of a run's metrics to an experiment tracker, either TensorBoard or Weights & Biases."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from betterbench.jobs.outputs import mark_of, require_replaceable
 from betterbench.quoting import shell_line
 
 EVENTS_NAME = "events.out.tfevents.0.betterbench"
-"""The event file of a run; TensorBoard reads every file with "tfevents" in its name."""
+"""Name of the event file of a run. TensorBoard reads every file with "tfevents" in its name."""
 
 _WANDB_PREFIX = ".wandb-"
 _LEAST_ROOM = 1 << 20
-"""Free disk space that wandb needs in addition to the trial table [byte]; a run's log takes about 20 kB."""
+"""Free disk space that wandb needs besides the space for the table of trials [bytes]. A run's log takes about 20 kB."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
-    """Return the metrics of a run with confidence bounds, by name ("success_rate/fast_food/T1").
+    """Return the metrics of a run and their confidence bounds, by name ("success_rate/fast_food/T1").
 
-    Labels are counted over the trials of variations ("labels/timeout"), without ambiguous trials.
+    Labels ("labels/timeout") are counted over the trials of all variations; ambiguous trials are left out.
     """
     numbers: dict[str, float] = {}
     for metric in diagnosis.metrics:
@@ -52,20 +52,20 @@ def write_metrics(
     project: str,
     overwrite: bool = False,
 ) -> Path:
-    """Write the numbers of a run for a tracker, and return the folder that was written.
+    """Write the metrics of a run in the format of an experiment tracker, and return the folder that was written.
 
     Args:
-        diagnosis: Run diagnosis.
-        to: The tracker.
-        out: Folder for its files; created if missing.
-        name: Run name in the tracker; the policy name if None.
-        project: Project of Weights & Biases.
+        diagnosis: Diagnosis of the run.
+        to: Experiment tracker.
+        out: Folder for the files of the tracker; created if missing.
+        name: Name of the run in the tracker; the name of the policy if None.
+        project: Project name in Weights & Biases.
         overwrite: Whether to replace a file with the same name that this function did not write.
 
     Raises:
         MissingDependencyError: If the package of the tracker is not installed.
         InvalidInputError: If the folder cannot be written.
-        RunConflictError: If such a file exists and ``overwrite`` is not set.
+        RunConflictError: If a file with the same name exists and ``overwrite`` is not set.
         StorageError: If the disk is full.
     """
     numbers = tracked_numbers(diagnosis)
@@ -86,7 +86,9 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one event file, and replace that of an earlier export, because TensorBoard would show both.
+    """Write the event file.
+
+    It replaces the file of an earlier export, because TensorBoard would otherwise show both files.
 
     The events are written without the writer thread of ``SummaryWriter``: on a full disk, that thread dies, and the
     next call waits for it forever.
@@ -107,7 +109,7 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
-    """Write one complete run next to the runs of earlier exports. If the export fails, nothing is left behind.
+    """Write a complete wandb run next to the runs of earlier exports. If the export fails, nothing is left behind.
 
     On a full disk, wandb exits normally although data are missing, so the free space is checked before and after. The
     run is written to a temporary folder and then moved, because ``wandb sync`` would upload a partial run.
@@ -151,7 +153,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
 def _require_room(place: Path, size: int) -> None:
     """Raise StorageError if a file of ``size`` bytes does not fit on the disk.
 
-    The file written for the test is removed.
+    A test file of this size is written and removed again.
     """
     with DurableFile(place) as tried:
         tried.file.write(bytes(size))

@@ -1,4 +1,4 @@
-"""Reader of hand-written YAML files. Aliases are rejected because their expansion can exhaust memory."""
+"""Reader for hand-written YAML files. Aliases are rejected because their expansion can exhaust memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
 
 
 def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_BYTES) -> dict[str, Any]:
-    """Return the fields of a YAML file.
+    """Read a YAML file and return its fields.
+
+    Args:
+        path: YAML file.
+        cure: Remedy that error messages state.
+        deepest: Maximum depth of nesting.
+        max_bytes: Maximum size of the file.
 
     Raises:
         InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a
@@ -26,7 +32,10 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """YAML loader that parses 1e-3 as a number, as in YAML 1.2. YAML 1.1 requires a decimal point."""
+        """YAML loader that parses 1e-3 as a number, as in YAML 1.2.
+
+        In YAML 1.1, such a number needs a decimal point.
+        """
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
@@ -41,7 +50,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
         raise InvalidInputError(str(path), f"is not YAML ({problem})", cure) from error
     if not isinstance(found, dict):
-        raise InvalidInputError(str(path), "it contains no fields", f"Write lines like `name: value`. {cure}")
+        raise InvalidInputError(str(path), "the file contains no fields", f"Write lines like `name: value`. {cure}")
     return found
 
 
@@ -53,21 +62,23 @@ def _require_once(path: Path, node: yaml.Node | None) -> None:
     twice = next((str(name) for i, name in enumerate(fields) if name in fields[:i]), None)
     if twice is not None:
         line = next(k.start_mark.line for k, _ in reversed(node.value) if k.value == twice)
-        raise InvalidInputError(str(path), f"{twice} is given twice (line {line + 1})", "Give it once")
+        raise InvalidInputError(str(path), f"{twice} is given twice (line {line + 1})", "Give each field once")
     for child in node.value:
         for one in child if isinstance(child, tuple) else (child,):
             _require_once(path, one)
 
 
 def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
-    """Reject aliases and deep nesting at the first occurrence, before any value is built."""
+    """Reject aliases and deep nesting while the file is parsed, before any value is built from it."""
     import yaml
 
     depth = 0
     for token in yaml.scan(text):
         match token:
             case yaml.AliasToken():
-                raise InvalidInputError(str(path), "it has an alias (*name)", "Write the value itself")
+                raise InvalidInputError(
+                    str(path), "the file uses a YAML alias (*name)", "Write the value in place of the alias"
+                )
             case (
                 yaml.FlowSequenceStartToken()
                 | yaml.FlowMappingStartToken()
@@ -78,4 +89,4 @@ def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
             case yaml.FlowSequenceEndToken() | yaml.FlowMappingEndToken() | yaml.BlockEndToken():
                 depth -= 1
         if depth > deepest:
-            raise InvalidInputError(str(path), "it is nested too deep", cure)
+            raise InvalidInputError(str(path), "the file is nested too deeply", cure)

@@ -1,10 +1,11 @@
 """Generation of certified tasks from templates and sentences.
 
-- ``scenario``: a filled-in template: name, instruction, context, and described objects for each group.
-- ``scenario_form``: scenarios as JSON. ``sense``, ``instruction_sense``: plausibility checks, with the nouns of
-  ``vocabulary``.
-- ``grammar``: the offline author of scenarios. ``choosing``: choice of template and objects for a sentence.
-- ``asking``: scenarios by a language model, with corrections and stored exchanges.
+- ``scenario``: a filled-in template, with a name, an instruction, a context, and described objects for each group.
+- ``scenario_form``: scenarios as JSON. ``sense``, ``instruction_sense``: plausibility checks of scenarios, which use
+  the nouns of ``vocabulary``.
+- ``grammar``: the author of scenarios that needs no language model. ``choosing``: choice of a template and of objects
+  for a sentence.
+- ``asking``: scenarios written by a language model, with corrections and stored exchanges.
 - ``folder``: the scenario folder written by ``better generate``.
 - ``cast``: a scenario with a library object for each description.
 - ``patterns``: one file per template, which turns a cast into a task with training conditions and variations.

@@ -1,4 +1,4 @@
-"""Casts: scenarios with an asset for each description."""
+"""Casts: scenarios in which an asset has been chosen for each described object."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,15 +10,15 @@ from betterbench.tasks.condition import ObjectSpec
 
 @dataclass(frozen=True, slots=True)
 class Cast:
-    """Scenario with chosen assets.
+    """Scenario with an asset for each description.
 
     Attributes:
-        scenario: The scenario.
+        scenario: Scenario with the descriptions of the objects.
         groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
             ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
             and unique in the cast ("red mug" if there is also a blue mug, otherwise "mug").
-        look_alikes: For each item by name: distractors of another category that share its color or its shape, the most
-            similar first. Their names and kinds are unique too.
+        look_alikes: For each item, by its name: distractors of other categories with the same color or shape, the most
+            similar first. The names and kinds of these distractors are unique too.
         seed: Seed for all choices that the descriptions do not determine.
     """
 
@@ -28,12 +28,14 @@ class Cast:
     seed: int = 0
 
     def one(self, group_id: str) -> ObjectSpec:
-        """Return the only object of a group.
+        """Return the only object of a cast group.
 
         Raises:
             InvalidInputError: If the group does not have exactly one object.
         """
         objects = self.groups.get(group_id, ())
         if len(objects) != 1:
-            raise InvalidInputError(f"cast group {group_id!r}", f"has {len(objects)} objects", "Choose exactly one")
+            raise InvalidInputError(
+                f"cast group {group_id!r}", f"has {len(objects)} objects", "Choose exactly one object"
+            )
         return objects[0]

@@ -1,4 +1,7 @@
-"""Scenarios for a sentence without a model: words determine the template, nouns determine the objects."""
+"""Scenarios for a user's sentence, without a language model.
+
+The words of the sentence determine the template, and its nouns determine the objects.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LEAST_SCORE = 2
-"""Minimum total word weight for a template to be chosen."""
+"""Minimum sum of word weights at which a template is chosen."""
 
 
 def _weighted(*, decides: str = "", hints: str) -> dict[str, int]:
@@ -104,7 +107,7 @@ _SYNONYMS: dict[str, str] = {
     "waste_bin": "bin, trash can, trash bin, garbage can, wastebasket, "
     "in the trash, into the trash, in the garbage, into the garbage",
 }
-"""Additional nouns for the categories of the grammar."""
+"""Additional nouns for each category of the grammar, separated by commas."""
 
 _SAME_FOR_ALL = "put place move set lay position get take grab pick hide need want help please go belong clean tidy"
 _SPECIFIC = {
@@ -117,7 +120,7 @@ _SPECIFIC = {
     "recursive_stacking": "stack pile collect gather clear",
 }
 _VERBS_OF = {name: frozenset(f"{_SAME_FOR_ALL} {verbs}".split()) for name, verbs in _SPECIFIC.items()}
-"""Verbs that express only the goal of each template."""
+"""Verbs that may occur in a sentence for each template, because they add nothing to the template's goal."""
 _PLAIN_WORDS_WORDS = """
 i you we he she me us them they it s to and there here now please just so too also then
 """
@@ -127,11 +130,13 @@ _LONGEST_PHRASE = 4
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Scenarios from a sentence.
+    """Scenarios for a user's sentence.
 
     Attributes:
-        reworded: Reason why the wording of the grammar is used as the instruction; empty if the sentence itself is
-            used.
+        template: Name of the template.
+        scenarios: Scenarios that contain the named objects.
+        reworded: Reason why the sentence is replaced by a generated instruction; empty if the sentence itself is the
+            instruction.
     """
 
     template: str
@@ -143,7 +148,8 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
     """Return scenarios for a sentence. Each contains the objects that the sentence names.
 
     Raises:
-        InvalidInputError: If no template fits, an object is not in the library, or there are too few such scenarios.
+        InvalidInputError: If no template fits, an object is not in the library, or fewer than ``count`` scenarios
+            contain the objects.
     """
     text = checked_sentence(sentence)
     template = choose_template(text)
@@ -161,9 +167,10 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
-    """Return a scenario whose groups begin with the objects of a sentence, in their order.
+    """Return a scenario whose groups begin with the objects that a sentence names, in the order of the sentence.
 
-    The first training condition then concerns the objects named first. A top bun stays on top.
+    The first training condition is then about the objects that are named first. A top bun is not moved forward, because
+    it must stay the last layer.
     """
     groups = dict(scenario.groups)
     moved = [group.group_id for group in TEMPLATES[scenario.template].groups if group.role == "item"]
@@ -186,12 +193,13 @@ def _kind(described: DescribedObject) -> Kind:
 
 
 def checked_sentence(sentence: str) -> str:
-    """Normalize a sentence to single spaces, a capital letter, and a final period.
+    """Normalize a sentence to single spaces, a capital letter at the beginning, and a period at the end.
 
     An exclamation mark becomes a period, and a "please" at the beginning is removed.
 
     Raises:
-        InvalidInputError: If it is empty or too long, or has other characters than letters and plain punctuation.
+        InvalidInputError: If the sentence is empty or too long, or contains other characters than letters and plain
+            punctuation.
     """
     text = re.sub(r"^please,? ", "", " ".join(sentence.split()).rstrip("! "), flags=re.IGNORECASE)
     if not text or len(text) > LONGEST_INSTRUCTION:
@@ -207,10 +215,10 @@ def checked_sentence(sentence: str) -> str:
 
 
 def choose_template(sentence: str) -> str:
-    """Return the template indicated by the words of a sentence.
+    """Return the name of the template that the words of a sentence indicate.
 
     Raises:
-        InvalidInputError: If no template, or several, fit; the message names the closest.
+        InvalidInputError: If no template or several templates fit. The message names the closest templates.
     """
     words = terms(sentence)
     scores = {name: sum(weights.get(word, 0) for word in words) for name, weights in WEIGHTS.items()}
@@ -228,10 +236,10 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects named in a sentence, with the kinds of the library to which the nouns may refer.
+    """Return the objects named in a sentence, each with the kinds of library objects that its noun may mean.
 
     Raises:
-        InvalidInputError: If an object, or an object of a color, is not in the library's vocabulary of the template.
+        InvalidInputError: If the library has no such object for the template, or has it only in other colors.
     """
     grammar = grammar_of(template)
     sentence = without_direction(sentence) if template == ARRANGED else sentence
@@ -257,14 +265,17 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
 
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
-    """Return a plate that is put on another ("the red plate" before "on the blue plate"), without the widest kinds."""
+    """Leave out the widest kinds of plate for a plate that a sentence puts on another plate.
+
+    In "the red plate on the blue plate", these kinds are left out for the red plate. They are kept for the blue one.
+    """
     kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
     stays = {"on", "onto", "of"} & set(tokens[max(0, at - 3) : at])
     return want if stays or not kinds else replace(want, kinds=kinds)
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for an unknown word, because it may state a requirement that the task does not meet."""
+    """Raise InvalidInputError for an unknown word, since it may state a requirement that the task does not meet."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()
@@ -278,7 +289,9 @@ def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Gra
                 raise InvalidInputError("sentence", f"has no noun after {said}", f"Write 'the {word} ...' with a noun")
             example = _EXAMPLES[template]
             problem = f"has {said}, which is not supported in {template}, so the task might differ from the sentence"
-            raise InvalidInputError("sentence", problem, f"Leave it out, or write a sentence such as {example!r}")
+            raise InvalidInputError(
+                "sentence", problem, f"Leave out these words, or write a sentence such as {example!r}"
+            )
 
 
 _EXAMPLES = {
@@ -293,7 +306,7 @@ _EXAMPLES = {
 
 
 def _require_nouns(tokens: list[str]) -> None:
-    """Raise InvalidInputError for a color with "one" instead of a noun, because such references are not resolved."""
+    """Raise InvalidInputError for a phrase such as "the red one", because the noun behind "one" is not resolved."""
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
@@ -301,7 +314,11 @@ def _require_nouns(tokens: list[str]) -> None:
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
-    """Return the objects for a noun. Their number is that before the noun, or two for a plural without a number."""
+    """Return the objects that a noun in a sentence asks for.
+
+    The number word before the noun states how many they are. Without a number word, a plural asks for two objects, and
+    a singular for one.
+    """
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
     if not kinds:
@@ -319,9 +336,9 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], p
 
 @functools.cache
 def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
-    """Return the kinds to which each noun may refer, with their groups.
+    """Return the kinds of objects to which each noun may refer, with the group of each kind.
 
-    The usual noun of a category takes precedence.
+    If a noun is the usual noun of one category and a secondary noun of another category, it refers to the former.
     """
     exact: dict[tuple[str, ...], dict[Kind, str]] = {}
     other: dict[tuple[str, ...], dict[Kind, str]] = {}
@@ -340,12 +357,12 @@ def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
 
 
 def _usual_nouns(template: str) -> set[str]:
-    """Return the usual nouns, without colors, of the objects in a template's grammar."""
+    """Return the usual nouns of all objects in a template's grammar, without colors."""
     return {phrase_of(*kind).short for meant in _nouns(template).values() for kind in meant}
 
 
 def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for a noun of an object that is not in the grammar."""
+    """Raise InvalidInputError if a noun names an object that is not in the grammar."""
     free = (
         PLACES
         | RESULTS
@@ -364,5 +381,5 @@ def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
             elsewhere = [name for name in GRAMMARS if tuple(terms(noun)) in _nouns(name)]
             hint = f"; {', '.join(elsewhere)} has it" if elsewhere else ""
             raise InvalidInputError(
-                "sentence", f"{message} for {grammar.template.name}{hint}", "Use objects of the library"
+                "sentence", f"{message} for {grammar.template.name}{hint}", "Use objects from the library"
             )

@@ -1,4 +1,4 @@
-"""Folder of generated scenarios: one file per scenario, and the exchanges with the model that wrote them."""
+"""Folder of generated scenarios: one file per scenario, and the stored exchanges if a model wrote the scenarios."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat, ChatEndpoint, endpoint_at
 
 OFFLINE = "offline"
-"""Name of the offline author, which does not use a model."""
+"""Value of ``--model`` for the offline author, which does not use a language model."""
 SETTINGS_NAME = "generate.json"
-"""File with the settings of a folder."""
+"""Name of the file with the settings from which a folder was generated."""
 SCENARIOS = "scenarios"
-"""Subfolder of the scenarios."""
+"""Name of the subfolder with the scenarios."""
 _LONGEST_SLUG = 40
 _MAX_BYTES = 1 << 20
 
 Vocabulary = Literal["library", "open"]
-"""Objects that a model may use: library objects, or any."""
+"""Objects that a model may use: only objects of the library, or any objects (open)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GenerateSettings:
-    """Settings of generated scenarios.
+    """Settings from which scenarios are generated.
 
     Attributes:
         target: Name of a template, or a sentence.
-        num: Number of scenarios; None for 10 per template or 1 per sentence.
+        num: Number of scenarios. If it is None, there are 10 for a template and 1 for a sentence.
         model: "offline", or the address of a chat endpoint with the name of the model, "URL#MODEL".
         seed: Seed of the offline author.
         tries: Maximum number of model answers per scenario.
         vocabulary: Objects that a model may use.
-        replay: File of stored exchanges that replaces the model.
-        key_variable: Environment variable with the key of the endpoint.
+        replay: File of stored exchanges, whose answers replace the model.
+        key_variable: Environment variable with the API key of the endpoint.
     """
 
     target: str
@@ -78,18 +78,18 @@ class GenerateSettings:
 
     @property
     def count(self) -> int:
-        """Number of scenarios."""
+        """Number of scenarios to generate."""
         if self.num is None:
             return 10 if self.target in TEMPLATES else 1
         return self.num
 
     @property
     def sentence(self) -> str:
-        """Sentence with its period; empty if the target is a template.
+        """The given sentence with a period at its end; empty if the target is a template.
 
         Raises:
-            UnknownNameError: If the target is a single word but not a template.
-            InvalidInputError: If it has other characters than letters and plain punctuation.
+            UnknownNameError: If the target is a single word but not the name of a template.
+            InvalidInputError: If the sentence contains other characters than letters and plain punctuation.
         """
         if self.target in TEMPLATES:
             return ""
@@ -100,14 +100,15 @@ class GenerateSettings:
 
 @dataclass(frozen=True, slots=True)
 class Generated:
-    """Scenarios in a folder.
+    """Scenarios that were written into a folder.
 
     Attributes:
-        template: Name of their template.
-        scenarios: Scenarios by number, from 1.
-        files: Their files.
-        refused: Scenarios without a valid answer from the model.
-        reworded: Reason why a given sentence is not the instruction; empty if it is, or if a model was used.
+        template: Name of the template of all scenarios.
+        scenarios: Scenarios by number, counted from 1.
+        files: File of each scenario, by number.
+        refused: Scenarios for which the model gave no valid answer.
+        reworded: Reason why a given sentence is not used as the instruction; empty if it is used, or if a model wrote
+            the scenarios.
     """
 
     template: str
@@ -125,19 +126,19 @@ def generate_scenarios(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Generated:
-    """Write scenarios into a folder. The same settings give the same bytes, and repeating a call resumes it.
+    """Write scenarios into a folder. The same settings give the same files, and repeating a call resumes the work.
 
     Args:
         settings: Settings of the scenarios.
-        out: The folder.
-        chat: Model to use instead of the address in the settings.
+        out: Folder for the scenarios.
+        chat: Model to use instead of the model in the settings.
         overwrite: Whether to replace files that betterbench did not write or that have changed since.
-        on_progress: Called with the number of finished scenarios and of all scenarios.
+        on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
     Raises:
-        InvalidInputError: If a setting is wrong, or the grammar has fewer scenarios.
-        UnknownNameError: If there is no such template.
-        ModelError: If the model cannot be reached; earlier exchanges are kept.
+        InvalidInputError: If a setting is invalid, or the grammar has fewer scenarios than requested.
+        UnknownNameError: If the template does not exist.
+        ModelError: If the model cannot be reached. Earlier exchanges are kept.
         RunConflictError: If the folder contains other files, or scenarios with other settings.
     """
     sentence = settings.sentence
@@ -157,7 +158,7 @@ def generate_scenarios(
 
 
 def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
-    """Return the endpoint given in the settings, or None for the offline author.
+    """Return the chat endpoint given in the settings, or None if they name the offline author.
 
     Raises:
         InvalidInputError: If the address has no model or is not an HTTP address.
@@ -194,7 +195,10 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
 
 
 def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -> None:
-    """Write the settings of a folder. Without ``overwrite``, other settings and additional scenarios are rejected."""
+    """Write the settings from which a folder is generated.
+
+    Without ``overwrite``, a folder that has other settings or more scenarios is rejected.
+    """
     path = out / SETTINGS_NAME
     form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.count}
     if settings.asks_model:
@@ -213,16 +217,16 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
 
 
 def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, changed: Collection[str] = ()) -> None:
-    """Write the settings of a folder.
+    """Write a file with the settings from which the content of a folder is generated.
 
     Args:
-        out: The folder.
-        form: The settings.
-        overwrite: Whether other settings may be replaced.
-        changed: Fields that may differ from those in the folder.
+        out: Folder.
+        form: Settings as a JSON-serializable mapping.
+        overwrite: Whether different settings in the folder may be replaced.
+        changed: Names of settings that may differ from those already stored in the folder.
 
     Raises:
-        RunConflictError: If the folder has other settings.
+        RunConflictError: If the folder has different settings.
     """
     path = out / SETTINGS_NAME
     if path.is_file() and not overwrite:
@@ -234,7 +238,7 @@ def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, ch
 
 
 def _write(out: Path, number: int, scenario: Scenario) -> Path:
-    """Write a scenario to a file such as "scenarios/003_packing_a_picnic.json"."""
+    """Write a scenario to a file with a name such as "scenarios/003_packing_a_picnic.json", and return its path."""
     path = out / SCENARIOS / f"{number:03d}_{slug_of(scenario.name)}.json"
     text = json.dumps(scenario_to_json(scenario), indent=1)
     write_durably(path, (_RANGE.sub(r"[\1, \2]", text) + "\n").encode())
@@ -242,9 +246,9 @@ def _write(out: Path, number: int, scenario: Scenario) -> Path:
 
 
 _RANGE = re.compile(r"\[\s+([\d.]+),\s+([\d.]+)\s+\]")
-"""Pattern of a range of two numbers on four lines, which are joined."""
+"""Pattern of a range of two numbers that is spread over four lines. Such ranges are joined to one line."""
 
 
 def slug_of(name: str) -> str:
-    """Return a file name of lower-case ASCII letters, digits and underscores."""
+    """Return a file name made from a scenario's name: lower-case ASCII letters, digits and underscores."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_SLUG].strip("_") or "scenario"

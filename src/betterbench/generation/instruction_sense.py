@@ -1,4 +1,8 @@
-"""Checks of a scenario's instruction: one imperative sentence about existing objects, without a list of steps."""
+"""Checks of a scenario's instruction.
+
+An instruction must be a single imperative sentence. It may name only objects of the scenario, and must not list the
+steps.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +19,9 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.template import Template
 
 MOST_WORDS = 25
-"""Maximum number of words of an instruction."""
+"""Maximum number of words in an instruction."""
 FEWEST_WORDS = 3
-"""Minimum number of words: a verb, an article and a noun."""
+"""Minimum number of words in an instruction: a verb, an article and a noun."""
 
 _VERBS_WORDS = """
 add align arrange assemble bring build center clean clear collect complete compose construct create deliver drop
@@ -49,13 +53,13 @@ Found = tuple[str, str, str]
 
 
 def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
-    """Yield the problems in an instruction as path, problem and remedy.
+    """Yield the problems of an instruction, each with the path of the field and a remedy.
 
     The rules for nouns are conservative. A known noun, and the last word of a phrase with an article, must occur in the
     description, query, name or tags of an object. The instruction may also name places ("the desk"), occasions ("the
     picnic") and general nouns ("the supplies"). Words of the context and of the scenario's name are allowed too, and so
-    is the result of an assembly ("a sandwich"). A color before a known noun must be the color of such an object.
-    Collective nouns such as "fruit" and "toys" require at least one such object.
+    is the result of an assembly ("a sandwich"). If a known noun follows a color, there must be an object with this noun
+    and this color. Collective nouns such as "fruit" and "toys" require at least one object of that kind.
     """
     for problem, cure in (
         *_sentence_problems(scenario.instruction, read_text(scenario)),
@@ -67,9 +71,10 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 
 
 def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
-    """Yield the problems of a sentence.
+    """Yield the problems in the form of a sentence, each with its remedy.
 
-    Clauses about the direction of cutlery, which are not in ``read``, do not count for its length.
+    ``read`` is the sentence without the clauses about the direction of cutlery, since these do not count toward its
+    length.
     """
     words = re.findall(r"[\w'-]+", read)
     if not text.endswith(".") or text.count(".") > 1:
@@ -103,7 +108,10 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
 
 
 def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
-    """Return whether each object is named, by a word unique to its noun or by noun and color."""
+    """Return whether a text names each of the objects.
+
+    An object is named by a word that fits no other object, or by its noun together with its color.
+    """
     words = set(terms(text))
     heads = [_head(o) for o in objects]
     shared = {word for head in heads for word in head if sum(word in other for other in heads) > 1}
@@ -121,7 +129,7 @@ def _head(described: DescribedObject) -> frozenset[str]:
 
 
 def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and remedy for each noun of an instruction that is not an object of the scenario."""
+    """Yield a problem and a remedy for each noun in an instruction that names no object of the scenario."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

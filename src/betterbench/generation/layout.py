@@ -1,4 +1,4 @@
-"""Layouts of slots that are reachable, visible and separate from each other."""
+"""Layouts: slots on the table that are reachable, visible and far enough apart."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 FREE_M = 0.002
-"""Minimum distance between two objects for any jitter of their slots [m]."""
+"""Minimum distance between two objects, whatever the jitter of their slots [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Table slots for a template. All are reachable, and visible with the margins of docs/framing.md.
+    """Slots on the table that the tasks of a template use.
+
+    All slots are reachable, and visible with the margins of docs/framing.md.
 
     Attributes:
-        starts: Slots from which objects are picked, layout by layout if there are several.
-        stands: Slots of the target.
-        besides: Slots of objects that are not moved.
+        starts: Slots from which objects are picked. If there are several layouts, their slots follow each other.
+        stands: Slots for the target.
+        besides: Slots for objects that are not moved.
     """
 
     starts: tuple[Slot, ...]
@@ -31,15 +33,15 @@ class Table:
 
     @property
     def slots(self) -> tuple[Slot, ...]:
-        """All slots."""
+        """All slots of the table."""
         return (*self.starts, *self.stands, *self.besides)
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return a message about two objects of a condition that may touch within their jitter, or None.
+    """Return a message if two objects of a condition may touch when their poses are jittered; otherwise None.
 
-    Containers, fixtures and elongated objects are represented by the rectangle of their bounding box, other objects by
-    circles around their origin. Objects that start at a target are ignored.
+    Containers, fixtures and elongated objects are represented by the rectangle of their bounding box. Other objects are
+    represented by circles around their origin. Objects that start at a target are ignored.
     """
     placed = [(condition.object(name), slots[slot]) for name, slot in condition.layout.items()]
     for (a, at), (b, there) in itertools.combinations(placed, 2):
@@ -51,9 +53,9 @@ def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
 
 
 def _gap_m(a: ObjectSpec, at: Slot, b: ObjectSpec, there: Slot) -> float:
-    """Return the minimum distance between two objects over the jitter of their slots [m].
+    """Return the smallest distance that two objects may have when their slots are jittered [m].
 
-    It is negative if they may overlap.
+    The distance is negative if the objects may overlap.
     """
     jitter = at.jitter_m + there.jitter_m
     (ax, ay), r = _half_sizes(a, at)
@@ -70,7 +72,10 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 
 
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
-    """Return the center of an object's bounding box (for a circle, its origin) in a slot, in the world frame [m]."""
+    """Return the center of the shape that represents an object in a slot, in the world frame [m].
+
+    It is the center of the bounding box for a rectangle, and the origin of the object for a circle.
+    """
     if not _is_rectangle(spec):
         return slot.x, slot.y
     size = footprint(spec.category)
@@ -79,9 +84,10 @@ def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
 
 
 def _half_sizes(spec: ObjectSpec, slot: Slot) -> tuple[tuple[float, float], float]:
-    """Return the half sides of an object's rectangle for any yaw jitter of a slot, and the radius around it [m].
+    """Return the half sides of the rectangle that represents an object in a slot, and a radius around it [m].
 
-    A circle is a point with a radius. A rectangle has a radius of 0.
+    The rectangle contains the object for any yaw jitter of the slot, and its radius is 0. An object that is represented
+    by a circle has sides of length 0 and the radius of the circle.
     """
     size = footprint(spec.category)
     if not _is_rectangle(spec):

@@ -1,6 +1,7 @@
-"""Measurements of objects over all looks, and checks for gripper and camera.
+"""Measurements of objects over all variants of their category, and checks that gripper and camera can handle them.
 
-Looks are drawn by seed, so each measurement covers all looks of a category, including held-out looks.
+The variant (look) of an object is drawn by seed, so each measurement covers all variants of a category, including
+held-out variants.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from betterbench.tasks.condition import ObjectSpec
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
 
 ROBOT = robot(USUAL_ROBOT)
-"""Robot for which generated tasks are laid out."""
+"""Robot for which generated tasks are designed."""
 WIDEST_GRASP_M = ROBOT.gripper_opening_m - 0.006
 """Maximum width of an object between the finger pads [m]: the gripper opening minus 3 mm on each side."""
 LOW_M = 0.009
@@ -34,7 +35,8 @@ FINGER_M = (0.015, 0.010)
 CLEAR_M = 0.004
 """Clearance that the expert's planner keeps between the fingers and everything except the held object [m]."""
 SEEN_M = 0.050
-"""Minimum apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
+"""Minimum apparent size of an object that an instruction names [m]: 20 pixels in the front camera at the slots next to
+the robot.
 
 The camera has a focal length of 523 pixels and is 1.4 m away from these slots. Objects of the suite have at least 24
 pixels."""
@@ -42,22 +44,25 @@ pixels."""
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Measurements of a category over all its looks, seen and held out.
+    """Measurements of an asset category over all its variants (looks), seen and held out.
 
     Attributes:
+        category: Name of the category.
         radius_m: Largest horizontal distance of a visible point from the origin of the object [m].
         x_m: Smallest and largest x of a visible point, in the frame of the object [m].
         y_m: Smallest and largest y of a visible point, in the frame of the object [m].
         height_m: Largest height [m].
-        seen_m: Apparent size from 45 degrees above [m], minimum over the looks: the longer horizontal side, or the
-            foreshortened height and shorter side.
-        layer_m: Smallest and largest height of the surface that carries the next object [m].
-        grip_m: Width of the narrowest grasp [m], maximum over the looks; None if a look has no grasp.
-        low_m: Height of the highest grasp [m], minimum over the looks; 0 without grasps.
-        longish: Whether the object is more than 1.5 times as long as wide in a look.
-        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a look
-            has no such region.
-        regions: Names of the regions that all looks have.
+        seen_m: Smallest apparent size from 45 degrees above [m]. The apparent size of a variant is the larger of two
+            lengths: its longer horizontal side, and the extent of its shorter side and height as seen from above at
+            this angle.
+        layer_m: Smallest and largest height of the surface on which the next object of a stack stands [m].
+        grip_m: Width of the narrowest grasp of a variant, maximum over all variants [m]; None if a variant has no
+            grasp.
+        low_m: Height of the highest grasp of a variant, minimum over all variants [m]; 0 if a variant has no grasp.
+        longish: Whether a variant is more than 1.5 times as long as it is wide.
+        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a
+            variant has no such region.
+        regions: Names of the regions that all variants have.
     """
 
     category: str
@@ -80,17 +85,17 @@ class Footprint:
 
 
 def footprint(category: str) -> Footprint:
-    """Return the measurements of a category. Color does not affect shape.
+    """Return the measurements of a category. They are the same for all colors, since color does not affect shape.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If the category does not exist.
     """
     return _footprint(category, generator_of(category))
 
 
 @functools.lru_cache(maxsize=4096)
 def _footprint(category: str, _generator: Generator) -> Footprint:
-    """Measure a category. Building all looks without textures takes about 0.1 s."""
+    """Measure a category. Building all variants without textures takes about 0.1 s."""
     return _measured(category, _all_looks(category))
 
 
@@ -124,11 +129,7 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
 
 
 def assets_of(spec: ObjectSpec) -> tuple[Asset, ...]:
-    """Return the assets of all looks of an object, without textures and in the first color of its category.
-
-    Raises:
-        UnknownNameError: If its category or its color does not exist.
-    """
+    """Return the assets of all variants of an object, untextured and in the first color of its category."""
     if spec.color is not None and spec.color not in colors(spec.category):
         raise UnknownNameError(f"color of {spec.category}", spec.color, colors(spec.category))
     return _all_looks(spec.category)
@@ -139,7 +140,7 @@ def _all_looks(category: str) -> tuple[Asset, ...]:
 
 
 def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
-    """Return the InvalidInputError for an object that a pattern cannot use."""
+    """Create the InvalidInputError that says why an object cannot be used in a task."""
     return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
 
 
@@ -149,10 +150,10 @@ def mm(length_m: float) -> str:
 
 
 def region_of(spec: ObjectSpec, asset: Asset, name: str) -> Region:
-    """Return a region of an asset.
+    """Return the region of an asset that has a given name.
 
     Raises:
-        InvalidInputError: If the asset does not have it.
+        InvalidInputError: If the asset does not have this region.
     """
     regions = {region.name: region for region in asset.regions}
     if name not in regions:
@@ -162,10 +163,10 @@ def region_of(spec: ObjectSpec, asset: Asset, name: str) -> Region:
 
 
 def require_grasp(spec: ObjectSpec) -> None:
-    """Check that the gripper can hold every look of an object.
+    """Check that the gripper can hold every variant of an object.
 
     Raises:
-        InvalidInputError: If a look has no grasp, or only grasps that are too wide or too low.
+        InvalidInputError: If a variant has no grasp, or only grasps that are too wide or too low.
     """
     size = footprint(spec.category)
     if size.grip_m is None:
@@ -182,21 +183,22 @@ def require_usable(objects: Iterable[ObjectSpec]) -> None:
     """Check that the gripper can hold objects, and that they are large enough in the camera image.
 
     Raises:
-        InvalidInputError: If a look has no grasp, only grasps that are too wide or too low, or is too small.
+        InvalidInputError: If a variant of an object has no grasp, has only grasps that are too wide or too low, or is
+            too small.
     """
     for spec in objects:
         require_grasp(spec)
         size = footprint(spec.category)
         if size.seen_m < SEEN_M:
-            cure = f"The camera needs {mm(SEEN_M)}; choose a larger object"
+            cure = f"The camera needs at least {mm(SEEN_M)}; choose a larger object"
             raise refused(spec, f"can look as small as {mm(size.seen_m)}", cure)
 
 
 def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
-    """Check the horizontal size of every look of an object.
+    """Check that no variant of an object is too long for the place where it is put.
 
     Raises:
-        InvalidInputError: If a look is longer than ``most_m``.
+        InvalidInputError: If a variant is longer than ``most_m``.
     """
     found = max(max(asset.size_m[:2]) for asset in assets_of(spec))
     if found > most_m:
@@ -204,7 +206,7 @@ def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
 
 
 def foot_of(asset: Asset) -> tuple[float, float]:
-    """Return the center of an asset's base in its frame [m]."""
+    """Return x and y of the center of an asset's base, in the frame of the asset [m]."""
     for region in asset.regions:
         if region.name == "base":
             return region.position[0], region.position[1]
@@ -214,7 +216,7 @@ def foot_of(asset: Asset) -> tuple[float, float]:
 def radius_below(asset: Asset, height_m: float) -> float:
     """Return the largest horizontal distance of an asset's collision geometry from the axis of its base [m].
 
-    Parts that begin at or above ``height_m`` are ignored. A part that begins below is completely included.
+    Parts that begin at or above ``height_m`` are ignored. A part that begins below this height is completely included.
     """
     x, y = foot_of(asset)
     largest = 0.0
@@ -251,13 +253,13 @@ def _stands_upright(part: CollisionPart) -> bool:
 
 
 def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
-    """Check that the open fingers do not touch a support, such as the rim of a plate, when an object is put on it.
+    """Check that the open fingers do not touch a support (such as the rim of a plate) when an object is put on it.
 
     The object is placed at the center of the region "top". The fingers may have any orientation, so only the distance
     from the center matters.
 
     Raises:
-        InvalidInputError: If the fingers would come too close to a look of the support.
+        InvalidInputError: If the fingers would come too close to a variant of the support.
     """
     held = min(max((g.pose.position[2] for g in asset.grasps), default=0.0) for asset in assets_of(spec))
     near, far = 0.5 * ROBOT.gripper_opening_m, math.hypot(0.5 * ROBOT.gripper_opening_m + FINGER_M[0], FINGER_M[1])
@@ -269,19 +271,19 @@ def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
                 f"is held so low that the fingers come within {mm(max(0.0, tip - surface))} of the {support.kind} "
                 f"(look {asset.look})"
             )
-            cure = f"They need {mm(CLEAR_M)}; choose a thicker object, or a support without a rim"
+            cure = f"The fingers need {mm(CLEAR_M)}; choose a thicker object, or a support without a rim"
             raise refused(spec, problem, cure)
 
 
 @functools.lru_cache(maxsize=4096)
 def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
-    """Return the maximum height of an asset's collision shape at some distances from its axis [m]."""
+    """Return the maximum height of an asset's collision shape, between two distances from its vertical axis [m]."""
     points = (point for part in asset.collision for point in _surface(part))
     return max((z for x, y, z in points if near_m <= math.hypot(x, y) <= far_m), default=0.0)
 
 
 def _surface(part: CollisionPart) -> Iterator[tuple[float, float, float]]:
-    """Yield points of the upper and lower face of a box or a cylinder, and the corners of other shapes [m]."""
+    """Yield points on the upper and lower faces of a box or a cylinder, and the corners of any other shape [m]."""
     steps = [i / 20.0 for i in range(-20, 21)]
     if part.shape == "box":
         x, y, z = part.size[:3]

@@ -1,4 +1,4 @@
-"""Scenarios: filled-in templates with an instruction, a context and described objects."""
+"""Scenarios: templates filled in with an instruction, a context and described objects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class DescribedObject:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Template filled in by a language model or by the grammar.
+    """Template that a language model or the grammar has filled in.
 
     Attributes:
         template: Name of the template.

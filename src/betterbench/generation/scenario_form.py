@@ -1,7 +1,7 @@
-"""JSON serialization of scenarios, with the fields of the paper's prompt (appendix B.1).
+"""JSON form of scenarios, with the fields of the prompt in the paper (appendix B.1).
 
-Answers of a language model only contain the paper's fields. Stored scenarios also contain the format version and the
-template. Texts may only contain letters, digits and plain punctuation, because they come from a model and must not
+Answers of a language model contain only the fields of the paper. Stored scenarios also contain the format version and
+the template. Texts may contain only letters, digits and plain punctuation, because they come from a model and must not
 contain markup, control characters or paths.
 """
 
@@ -25,17 +25,22 @@ NAME_PATTERN = r"^[a-z][a-z0-9_]{0,40}$"
 """Pattern of instance names. They are used as names in a scene."""
 
 LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_TAG = 60, 200, 120, 60, 30
-"""Maximum length of the texts of a scenario [characters]."""
+"""Maximum length of each kind of text in a scenario [characters]."""
 MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
 """Maximum numbers of groups per scenario, objects per group, and tags per object."""
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
-"""Bounds of the numbers in a scenario [m, kg]. The limits of the robot are in :mod:`~betterbench.generation.sense`."""
+"""Upper bounds of the size [m] and the mass [kg] in a scenario. The limits of the robot are checked in
+:mod:`~betterbench.generation.sense`.
+"""
 
 _PUNCTUATION = frozenset(" ,.'-()%:")
 
 
 def plain_text(text: str) -> str:
-    """Check that a text contains only Latin letters, digits and plain punctuation. Raises ValueError otherwise."""
+    """Check that a text contains only Latin letters, digits and plain punctuation, and return it.
+
+    Raise ValueError for any other text.
+    """
     for letter in text:
         latin = letter.isalpha() and letter <= "\u024f"
         if not (latin or (letter.isascii() and letter.isdigit()) or letter in _PUNCTUATION):
@@ -102,7 +107,10 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as a JSON-serializable dict with only the paper's fields, like the answer of a model."""
+    """Return a scenario as a JSON-serializable dict in the form of a model's answer.
+
+    It contains only the fields that the paper defines.
+    """
     return {
         "scenario_name": scenario.name,
         "instruction": scenario.instruction,
@@ -125,10 +133,14 @@ def answer_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def scenario_from_json(form: Mapping[str, Any] | bytes | str, *, where: str = "scenario") -> Scenario:
-    """Read a stored scenario.
+    """Parse a stored scenario.
+
+    Args:
+        form: JSON as bytes or text, or a parsed value.
+        where: File or location of the scenario, for error messages.
 
     Raises:
-        InvalidInputError: if a field is missing, unknown, of the wrong type or out of range.
+        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range.
         UnknownNameError: If the template does not exist.
     """
     read = read_form(_STORED, form, where=where, cure=CURE)
@@ -138,7 +150,7 @@ def scenario_from_json(form: Mapping[str, Any] | bytes | str, *, where: str = "s
 
 
 def scenario_from_answer(form: object, template: str, *, where: str = "scenario") -> Scenario:
-    """Parse a scenario in the format requested by the prompt.
+    """Parse a scenario in the format that the prompt requests from a model.
 
     Args:
         form: JSON as bytes or text, or a parsed value.
@@ -146,7 +158,7 @@ def scenario_from_answer(form: object, template: str, *, where: str = "scenario"
         where: Location of the scenario in the answer, for error messages.
 
     Raises:
-        InvalidInputError: if a field is missing, unknown, of the wrong type or out of range.
+        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range.
     """
     return _scenario(read_form(_ANSWER, form, where=where, cure="Correct this field"), template)
 

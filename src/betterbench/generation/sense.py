@@ -1,13 +1,13 @@
 """Plausibility checks of a scenario for its template.
 
-Each problem is a sentence with the path of the field, which can be sent back to the model that wrote the scenario. The
-checks are:
+Each problem is a sentence that begins with the path of the field. It can be sent back to the model that wrote the
+scenario. The scenario has to meet these requirements:
 
-- the groups are those of the template, with allowed numbers of objects, and instance names are unique;
+- the groups are those of the template, have allowed numbers of objects, and instance names are unique;
 - each object belongs to an allowed type of its group, and the items of a group belong together;
 - sizes and masses are usual for the kind of object, items fit the gripper and the container, and the arm can lift them;
-- the instruction (:mod:`~betterbench.generation.instruction_sense`) is one imperative sentence about objects that are
-  there, and does not list the steps.
+- the instruction (:mod:`~betterbench.generation.instruction_sense`) is one imperative sentence about existing objects,
+  and does not list the steps.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LARGEST_ITEM_M = 0.25
-"""Maximum size of an item [m]. The largest moved object of the suite is a serving plate of 20 cm."""
+"""Maximum size of an item [m]. The largest object that is moved in the suite is a serving plate of 20 cm."""
 SIZE_SLACK = 2.0
-"""Tolerance factor for the usual sizes of a kind. For example, a pill bottle is smaller than other bottles but has no
-row in the table of kinds. A lunchbox with an open lid is longer than a closed one.
+"""Factor by which a size may deviate from the usual sizes of a kind of object. For example, a pill bottle is smaller
+than other bottles but has no row in the table of kinds, and a lunchbox with an open lid is longer than a closed one.
 """
 HEAVIEST_FIXTURE_KG = 20.0
-"""Maximum mass of an object that is not lifted [kg], as in the importer."""
+"""Maximum mass of an object that is not lifted [kg]. The importer of meshes has the same limit."""
 _ROUND = frozenset(
     {("apple",), ("orange",), ("peach",), ("tomato",), ("onion",), ("potato",), ("ball",), ("grapefruit",), ("melon",)}
 )
@@ -41,7 +41,7 @@ _ROUND = frozenset(
 
 
 def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = False) -> None:
-    """Raise InvalidInputError for the first problem of a scenario; see :func:`sense_problems`."""
+    """Raise InvalidInputError for the first problem that :func:`sense_problems` finds in a scenario."""
     for problem in sense_problems(scenario, where=where, mixed=mixed):
         raise problem
 
@@ -50,7 +50,7 @@ def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
     """Raise InvalidInputError if the groups are not those of the template, or two objects have the same name.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario to check.
         where: File or location of the scenario, for error messages.
     """
     for path, problem, cure in (*_group_problems(scenario, TEMPLATES[scenario.template]), *_name_problems(scenario)):
@@ -60,15 +60,16 @@ def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
 def sense_problems(
     scenario: Scenario, *, where: str = "scenario", mixed: bool = False
 ) -> tuple[InvalidInputError, ...]:
-    """Return the problems of a scenario, or an empty tuple if it makes sense.
+    """Return the problems of a scenario, or an empty tuple if it is plausible.
 
     Args:
-        scenario: The scenario.
-        where: Location of the scenario, for the paths.
-        mixed: Whether items of different domains may be in one group, because the user named these objects.
+        scenario: Scenario to check.
+        where: Location of the scenario, with which the paths of fields begin.
+        mixed: Whether items of different domains (such as food and office supplies) may be in one group, because the
+            user named these objects.
 
     Raises:
-        UnknownNameError: If its template does not exist.
+        UnknownNameError: If the template of the scenario does not exist.
     """
     if scenario.template not in TEMPLATES:
         raise UnknownNameError("template", scenario.template, TEMPLATES)
@@ -83,7 +84,7 @@ def sense_problems(
 
 
 Found = tuple[str, str, str]
-"""Path of a field, problem and remedy."""
+"""A problem as a tuple of the path of the field, the problem and the remedy."""
 
 
 def _group_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
@@ -204,5 +205,8 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
 
 @functools.cache
 def gripper_opening_m() -> float:
-    """Return the maximum opening of the gripper of the usual robot, for which generated tasks are laid out [m]."""
+    """Return the maximum opening of the gripper [m].
+
+    It is that of the default robot, for which generated tasks are designed.
+    """
     return robot(USUAL_ROBOT).gripper_opening_m

@@ -1,4 +1,4 @@
-"""Tokenization of instructions: words, colors, heads of phrases, and possible names of objects."""
+"""Words of instructions: tokens, colors, numbers, head nouns of phrases, and words that may name an object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COUNTS_WORDS = """
 five six seven eight nine ten dozen couple several some few many every each
 """
 COUNTS = frozenset(_COUNTS_WORDS.split())
-"""Number words that are inexact or larger than the number of objects in any scene."""
+"""Number words that are inexact, or that exceed the number of objects in any scene."""
 _STOPS_WORDS = """
 in into inside onto on to of for from with without at by beside next near around behind under over between left and
 or so that as away up out down off back together neatly carefully gently close too , . : ( ) % is are go belong
@@ -30,7 +30,7 @@ small large big little tall short round square flat full empty clean dirty fresh
 plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
 """
 ADJECTIVES = frozenset(_ADJECTIVES_WORDS.split())
-"""Adjectives that may end a phrase but are not nouns."""
+"""Adjectives that may be the last word of a phrase although they are not nouns."""
 
 _RESULTS_WORDS = """
 sandwich burger cheeseburger hamburger tower taco cake club slider
@@ -39,31 +39,31 @@ RESULTS = frozenset(_RESULTS_WORDS.split())
 """Nouns for the result of stacking layers."""
 
 _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
-"""Nouns whose plural may be one object, such as a stack of napkins."""
+"""Nouns whose plural may mean a single object, as "napkins" for a stack of napkins."""
 
 
 def raw_tokens(text: str) -> list[str]:
-    """Return the words of a sentence in lower case, and its punctuation."""
+    """Return the words of a sentence in lower case, and its punctuation marks."""
     return re.findall(r"[^\W_]+|[,.:()%]", re.sub(r"n['’]t\b", "nt", text.lower()))
 
 
 def sentence_tokens(text: str) -> list[str]:
-    """Return the words of a sentence in lower case and in the singular, and its punctuation."""
+    """Return the words of a sentence in lower case and in the singular, and its punctuation marks."""
     return [t if t in ",.:()%" else singular(t) for t in raw_tokens(text)]
 
 
 def is_plural_form(word: str) -> bool:
-    """Return whether a noun is a plural of several objects, such as "mugs" and "mice" but not "fries"."""
+    """Return whether a noun is a plural that means several objects, such as "mugs" and "mice" but not "fries"."""
     one = singular(word)
     return word != one and (word.endswith("s") or word in ("mice", "dice")) and one not in _PLURAL_ONLY
 
 
 NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
-"""Number words for the possible numbers of objects in a scene."""
+"""Number words that may state the number of objects in a scene, with the number."""
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word in the noun phrase of a noun at a position, or an empty string."""
+    """Return the number word in the noun phrase whose noun is at a position, or an empty string if there is none."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word
@@ -73,14 +73,17 @@ def number_before(raw: list[str], at: int) -> str:
 
 
 def words_of_object(described: DescribedObject) -> frozenset[str]:
-    """Return the words that may name an object, from its query, name, tags, and its description up to "with"."""
+    """Return the words that may name an object.
+
+    They come from its query, name and tags, and from its description up to the word "with".
+    """
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")
     return frozenset(terms(" ".join((described.asset_query, name, appearance, *described.tags))))
 
 
 def color_before(tokens: list[str], at: int) -> str:
-    """Return the color among the adjectives before a noun, or an empty string."""
+    """Return the color among the adjectives before a noun, or an empty string if there is none."""
     for word in reversed(tokens[max(0, at - 3) : at]):
         if word in COLORS:
             return word

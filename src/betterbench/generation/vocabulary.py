@@ -1,8 +1,8 @@
 """Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
-It is used to check whether an object of a model's scenario belongs to its group, and whether the instruction names a
-missing object. The vocabulary is deliberately small. An unknown noun is accepted in a group if a tag names an allowed
-type.
+It is used to check scenarios that a model wrote: whether each object belongs to its group, and whether the instruction
+names a missing object. The vocabulary is deliberately small. If the noun of an object is unknown, the object is
+accepted in a group if one of its tags names an allowed type.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ COLLECTIVES: dict[str, str] = {
 """Collective nouns, each with the kinds of objects it includes."""
 
 _DOMAINS = {"food": f"{_FRUIT}, {_MEAL}, {_LAYER}", "office supply": _OFFICE, "cleaning supply": _WASH}
-"""Domains of items that do not belong together in a scenario. Trash may consist of items of several domains."""
+"""Domains of items. Items of different domains do not belong together in a scenario, except as trash."""
 
 _MEASURES_WORDS = """
 bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack
@@ -135,7 +135,10 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns of a type as terms, including the type itself. An unknown type only has its own name."""
+    """Return the nouns of a type as tuples of words, including the name of the type.
+
+    An unknown type has only its name.
+    """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
 
@@ -147,12 +150,15 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective noun includes, or an empty set for any other noun."""
+    """Return the nouns that a collective noun includes, such as "apple" for "fruit"; empty for any other noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """Return the known nouns in terms, with the index of the first word of each. The longest match is used."""
+    """Return the known nouns in a list of words, each with the index of its first word.
+
+    Longer matches are preferred.
+    """
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
     while at < len(words):
@@ -169,8 +175,8 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
 def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     """Return the known nouns that name a described object.
 
-    This is the last noun before "with", "in", "of" and similar words: "mug" in "a red mug with an apple on it". After a
-    measure noun, the measured noun is included: "cheese" in "a slice of cheese".
+    This is the last noun before "with", "in", "of" and similar words, as "mug" in "a red mug with an apple on it".
+    After a measure noun, the measured noun is included, as "cheese" in "a slice of cheese".
     """
     words = terms(text)
     ends = next((i for i, word in enumerate(words) if word in _ENDS_THE_HEAD), len(words))
@@ -191,7 +197,8 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    Known nouns decide this. Without a known noun, a tag must name an allowed type.
+    The object is judged from a known noun in its description. If there is none, one of its tags must name an allowed
+    type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))

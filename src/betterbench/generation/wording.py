@@ -1,4 +1,4 @@
-"""Words of instructions that identify an object."""
+"""Words in instructions by which an object can be identified."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """Return a word that distinguishes each kind, which is its noun, its first word, or its full name."""
+    """Return a word for each kind of object that distinguishes it from the other kinds.
+
+    This is its noun, its first word, or its full name.
+    """
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}
     for kind in kinds:
@@ -19,10 +22,10 @@ def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
 
 
 def words_and_noun(items: Iterable[ObjectSpec]) -> tuple[dict[str, str], str | None]:
-    """Return the distinguishing word of each item by name, and the noun that all items have in common.
+    """Return the distinguishing word of each item by the item's name, and the noun that all items share.
 
-    For the kinds "red mug" and "blue mug", the words are "red" and "blue" and the noun is "mug". Without a common noun,
-    each word is the complete kind, and the noun is None.
+    For the kinds "red mug" and "blue mug", the words are "red" and "blue" and the noun is "mug". If there is no common
+    noun, each word is the complete kind, and the noun is None.
     """
     kinds = {spec.name: spec.kind.split() for spec in items}
     nouns = {words[-1] for words in kinds.values()}

@@ -1,4 +1,4 @@
-"""Inter-rater agreement: Cohen's kappa for each pair of raters, and the trials on which they disagree."""
+"""Agreement between raters: Cohen's kappa for each pair of raters, and the trials on which they disagree."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.interval import Interval
 
 _WIDTH = 1e-9
-"""Minimum width of an interval to show."""
+"""Minimum width of an interval that is shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rater:
-    """A rater: a person with the role in which the person entered outcomes."""
+    """A person who entered outcomes, with the role in which they were entered."""
 
     name: str
     role: Role
 
     def __str__(self) -> str:
-        """Return the name, with the role of an operator."""
+        """Return the name of the rater. If the rater was an operator, the role follows the name."""
         return self.name if self.role == "judge" else f"{self.name} (operator)"
 
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """A trial to which two raters gave different outcomes."""
+    """A trial for which two raters entered different outcomes."""
 
     code: str
     first: str
@@ -39,11 +39,13 @@ class Disagreement:
 
 @dataclass(frozen=True, slots=True)
 class PairAgreement:
-    """Agreement of two raters.
+    """Agreement between two raters.
 
     Attributes:
-        table: Outcomes of the trials that both rated; rows are the first rater's outcomes.
-        disagreements: Trials with different outcomes, in the order of the plan.
+        first: First rater.
+        second: Second rater.
+        table: Numbers of trials that both raters rated, by outcome. The rows are the outcomes of the first rater.
+        disagreements: Trials for which the two raters entered different outcomes, in the order of the plan.
     """
 
     first: Rater
@@ -53,12 +55,12 @@ class PairAgreement:
 
     @property
     def is_blind(self) -> bool:
-        """Whether both raters are judges, who see only the film."""
+        """Whether both raters are judges, who see only the film and not the condition or the policy."""
         return self.first.role == self.second.role == "judge"
 
     @property
     def interval(self) -> Interval | None:
-        """Interval of kappa; None if kappa is not defined or its variance is 0.
+        """Confidence interval of Cohen's kappa; None if kappa is not defined or its variance is 0.
 
         The variance is 0 if the two raters never differ, or if one of them always entered the same outcome. The
         interval would then have zero width even with very few trials.
@@ -68,7 +70,7 @@ class PairAgreement:
 
     @property
     def sentence(self) -> str:
-        """One sentence with the number of equal outcomes and kappa with its interval."""
+        """Sentence that states in how many trials the outcomes are equal, and Cohen's kappa with its interval."""
         n = self.table.n
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
         kappa, interval = self.table.kappa, self.interval
@@ -80,7 +82,7 @@ class PairAgreement:
         return f"{text}; Cohen's kappa {kappa:.2f} (95 % interval {interval.low:.2f} to {interval.high:.2f})."
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the agreement as a JSON-serializable dict."""
         interval = self.interval
         return {
             "first": str(self.first),
@@ -95,11 +97,9 @@ class PairAgreement:
 
 
 def agreements_of(trials: Iterable[RealTrial]) -> tuple[PairAgreement, ...]:
-    """Return the agreement of every pair of raters that share trials.
+    """Return the agreement of every pair of raters who rated at least one trial in common.
 
-    Pairs of judges come before pairs with the operator.
-
-    A pair includes only the trials that both rated.
+    Only the trials that both raters rated are compared. Pairs of judges come before pairs with the operator.
     """
     seen: dict[Rater, dict[str, str]] = {}
     order: list[str] = []

@@ -1,4 +1,4 @@
-"""Arm with safety limits and a software switch; every motor command goes through this module.
+"""Arm with safety limits and a software switch. Every motor command goes through this module.
 
 Nothing is sent unless the switch is on. Any thread may stop the arm. When :meth:`SafeArm.stop` returns, the arm has
 been commanded to hold its measured position. No further command is sent until the switch is turned on again.
@@ -19,14 +19,14 @@ logger = logging.getLogger(__name__)
 
 
 class NotArmedError(BetterError):
-    """Error for a motion requested while the arm's switch is off."""
+    """Error for a motion that was requested while the software switch of the arm was off."""
 
 
 class SafeArm:
-    """Robot that receives commands only within the limits, and only while its switch is on."""
+    """Robot that moves only within the safety limits, and only while its software switch is on."""
 
     def __init__(self, robot: Robot, limiter: Limiter) -> None:
-        """Wrap a robot; the switch starts in the off position."""
+        """Wrap a robot. The switch is off at first."""
         self.robot, self.limiter = robot, limiter
         self._lock = threading.RLock()
         self._is_armed, self._why = False, "the switch was never turned on"
@@ -40,16 +40,16 @@ class SafeArm:
 
     @property
     def why_off(self) -> str:
-        """Reason why the switch is off, or an empty text."""
+        """Reason why the switch is off; empty if it is on."""
         return "" if self._is_armed else self._why
 
     def arm(self) -> None:
-        """Turn the switch on. The arm does not move until it gets a command."""
+        """Turn the switch on. The arm does not move until it receives a command."""
         with self._lock:
             self._is_armed, self._why = True, ""
 
     def stop(self, why: str) -> None:
-        """Turn the switch off and hold the last measured position."""
+        """Turn the switch off, and command the arm to hold its last measured position."""
         # set before taking the lock, so that a command waiting for the lock is rejected
         self._is_armed, self._why = False, why
         with self._lock:
@@ -63,13 +63,13 @@ class SafeArm:
                 logger.warning("the command to hold the position could not be sent: %s", problem)
 
     def release(self) -> None:
-        """Turn off the switch and the motor torque; the arm sinks."""
+        """Turn off the switch and the motor torque, so that the arm sinks."""
         self.stop("the torque was switched off")
         with self._lock:
             self.robot.release()
 
     def read(self) -> Reading:
-        """Return the state of the robot. Raises RobotError."""
+        """Read the state of the robot. Raise RobotError if the robot cannot be read."""
         with self._lock:
             reading = self.robot.read()
             if np.isfinite(reading.state).all():
@@ -77,16 +77,16 @@ class SafeArm:
             return reading
 
     def begin(self, reading: Reading) -> None:
-        """Start an episode at the measured state of a reading. Raises LimitError."""
+        """Start an episode at the state that was measured in a reading. Raise LimitError if the state is not finite."""
         with self._lock:
             self.limiter.start(reading.state)
 
     def move(self, asked: np.ndarray, reading: Reading) -> Limited:
-        """Apply the limits to a target position, send the command, and return it.
+        """Apply the limits to a target position, send the resulting command, and return it.
 
         Raises:
             NotArmedError: If the switch is off.
-            LimitError: If the arm is overloaded or does not follow; the switch is then off.
+            LimitError: If the arm is overloaded or does not follow. The switch is then turned off.
             RobotError: If the robot cannot be reached.
         """
         with self._lock:

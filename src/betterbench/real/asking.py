@@ -1,4 +1,4 @@
-"""Policies of a protocol, and a thread that requests their actions so that the control loop never waits."""
+"""Policies of a protocol, and a thread that requests their actions so that the control loop never waits for them."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from betterbench.real.plan import RealPlan, RealPolicy
 START_S = 120.0
 """Maximum time for a policy to become ready for a trial [s], including the time to load its weights."""
 ANSWER_S = 30.0
-"""Maximum time to wait for an answer [s], after which the trial is aborted."""
+"""Maximum time to wait for an answer of the policy [s]. After this time, the trial is aborted."""
 _CHECK_S = 0.1
 """Interval between checks of the stop signal while a policy is loading [s]."""
 
 
 def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, cameras: tuple[str, ...]) -> None:
-    """Check that a policy can run on a real arm with these cameras.
+    """Check that a policy can run on a real arm with the given action space and cameras.
 
     Raises:
-        InvalidInputError: If its actions are in another space, it needs a camera that the robot lacks, or it uses
+        InvalidInputError: If the policy has a different action space, needs a camera that the robot lacks, or uses
             temporal ensembling.
     """
     check_action_space(address, info, space.name)
     missing = sorted(set(info.cameras or ()) - set(cameras))
     if missing:
         problem = f"the policy needs the camera {missing[0]!r}, but the robot has {', '.join(cameras) or 'none'}"
-        raise InvalidInputError(address, problem, "Name the robot's cameras as the policy does")
+        raise InvalidInputError(address, problem, "Give the robot's cameras the names that the policy expects")
     if info.execution.ensemble is not None:
         problem = "temporal ensembling calls the policy at every step, and a real arm would have to wait"
-        raise InvalidInputError(address, problem, "Leave ensemble out of its address")
+        raise InvalidInputError(address, problem, "Remove ensemble from the policy address")
 
 
 def require_images_suffice(policy: RealPolicy) -> None:
@@ -51,17 +51,24 @@ def require_images_suffice(policy: RealPolicy) -> None:
     needs = PolicyFactory(policy.address).needs
     if needs.state or needs.trial:
         problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
-        raise InvalidInputError(f"policy {policy.name}", problem, "Give a policy that sees images")
+        raise InvalidInputError(
+            f"policy {policy.name}", problem, "Use a policy whose inputs are images and joint states"
+        )
 
 
 class RealPolicies:
-    """Policies of a plan, each created at its first trial and reused for its later trials."""
+    """Policies of a plan. Each policy is created at its first trial and reused for later trials."""
 
     def __init__(self, plan: RealPlan, cameras: tuple[str, ...], *, apart: bool = True) -> None:
-        """Check the policy addresses without loading a policy. With ``apart``, user code runs in a separate process.
+        """Check the policy addresses without loading a policy.
+
+        Args:
+            plan: Plan of the protocol.
+            cameras: Names of the robot's cameras.
+            apart: Whether user code runs in a separate process.
 
         Raises:
-            UnknownNameError: If there is no such policy.
+            UnknownNameError: If a policy does not exist.
             InvalidInputError: If a policy needs the state of a simulator.
         """
         self._plan, self._cameras, self._apart = plan, cameras, apart
@@ -70,7 +77,10 @@ class RealPolicies:
             require_images_suffice(policy)
 
     def get(self, name: str) -> Policy:
-        """Return a policy by its name in the plan. Raises the errors of a policy's start."""
+        """Return a policy by its name in the plan, and create it first if necessary.
+
+        Errors that occur while the policy is created are passed on to the caller.
+        """
         if name not in self._made:
             address = self._plan.address(name)
             made = PolicyFactory(address, apart=self._apart, timeout_s=ANSWER_S).take()
@@ -83,7 +93,10 @@ class RealPolicies:
         return self._made[name]
 
     def discard(self, name: str) -> None:
-        """Close a policy that is still computing an answer for an earlier trial; its next trial creates it again."""
+        """Close a policy that is still computing an answer for an earlier trial.
+
+        The policy is created again for its next trial.
+        """
         policy = self._made.pop(name, None)
         if policy is not None:
             close_policy(policy)
@@ -97,7 +110,7 @@ class RealPolicies:
 
 @dataclass(frozen=True, slots=True)
 class _Answered:
-    """Answer for one control step, or the error raised instead."""
+    """Answer of the policy for one control step, or the error that was raised instead."""
 
     step: int
     actions: np.ndarray | None
@@ -105,7 +118,7 @@ class _Answered:
 
 
 class Asker:
-    """Background requester of action chunks. It returns one action per control step."""
+    """Thread that requests action chunks from a policy. It provides one action per control step."""
 
     def __init__(self, policy: Policy, space: ActionSpace) -> None:
         """Start the thread."""
@@ -131,9 +144,10 @@ class Asker:
         return self._thread.is_alive()
 
     def start(self, start: EpisodeStart, *, check: Callable[[], None] = lambda: None) -> None:
-        """Reset the policy and wait until it is ready. ``check`` is called while waiting and may raise an exception.
+        """Reset the policy, and wait until it is ready.
 
-        Raises PolicyError.
+        ``check`` is called while waiting and may raise an exception. Raise PolicyError if the policy fails or is not
+        ready in time.
         """
         self._questions.put((-1, start))
         end = time.monotonic() + START_S
@@ -148,11 +162,11 @@ class Asker:
             raise answered.error
 
     def wants(self) -> bool:
-        """Return whether a new observation must be sent at this step."""
+        """Return whether the policy needs a new observation at this step."""
         return self._pending is None and len(self._actions) <= self._execution.ahead
 
     def ask(self, step: int, observation: Observation) -> None:
-        """Request the actions that start at a control step."""
+        """Send an observation to the policy and request its actions, beginning with the given control step."""
         self._pending = step
         self._questions.put((step, observation))
 
@@ -161,7 +175,7 @@ class Asker:
 
         Raises:
             PolicyError: If the policy failed.
-            InvalidActionError: If its answer has another shape or is not finite.
+            InvalidActionError: If the answer of the policy has a wrong shape or is not finite.
         """
         if self._pending is not None:
             with contextlib.suppress(queue.Empty):

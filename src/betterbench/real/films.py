@@ -14,10 +14,10 @@ from betterbench.real.robots.robot import Frame, RobotError
 
 
 class FilmThread:
-    """Encoder of one camera's frames, one per control step."""
+    """Thread that encodes the film of one camera, with one frame per control step."""
 
     def __init__(self, camera: str, *, rate_hz: float) -> None:
-        """Start the thread."""
+        """Start the encoding thread."""
         self._camera, self._period_s = camera, 1.0 / rate_hz
         self._writer = VideoWriter(rate_hz=max(1, round(rate_hz)))
         self._frames: queue.Queue[np.ndarray | None] = queue.Queue()
@@ -29,7 +29,7 @@ class FilmThread:
         self._thread.start()
 
     def add(self, frame: Frame, now_s: float) -> bool:
-        """Append the newest frame at a control step, and return whether the frame was late.
+        """Append the newest frame of the camera at a control step, and return whether the frame was too old.
 
         Raises:
             RobotError: If the camera changed its image size.
@@ -49,9 +49,10 @@ class FilmThread:
         return late
 
     def finish(self) -> tuple[Film, bytes] | None:
-        """Return the film's metadata and its encoded file, or None without frames.
+        """Return the metadata of the film and the encoded file, or None if there are no frames.
 
-        Raises InvalidInputError if encoding failed.
+        Raises:
+            InvalidInputError: If encoding failed.
         """
         self._frames.put(None)
         self._thread.join()

@@ -1,7 +1,7 @@
-"""Web page for a judge: films and instruction of one trial, and the possible outcomes with keys and definitions.
+"""Web page for a judge: films and instruction of a trial, and the possible outcomes with their keys and definitions.
 
-The page does not receive the condition, the policy or the entries of other people. It is a plain page
-(``judge.html``, ``judge.js``, ``judge.css``) behind :class:`~betterbench.browser.plain.PlainServer`.
+The page does not receive the condition, the policy or the entries of other people. It is a plain page (``judge.html``,
+``judge.js``, ``judge.css``) that is served by :class:`~betterbench.browser.plain.PlainServer`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from betterbench.real.outcomes import OUTCOMES
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
-    """Command from the page, with the index of the displayed film."""
+    """Command that the page sends, together with the index of the film that is displayed on it."""
 
     name: Literal["enter", "undo", "next", "previous"]
     film: Annotated[int, Field(ge=0)]
@@ -38,11 +38,11 @@ class JudgePage:
     """Web page of one judge.
 
     Attributes:
-        server: The server of the page.
+        server: Server of the page.
     """
 
     def __init__(self, desk: JudgeDesk, *, host: str, port: int) -> None:
-        """Start listening. Raises InvalidInputError if the port is in use."""
+        """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._desk, self._lock = desk, threading.Lock()
         get: dict[str, Callable[[], Answer | None]] = {
             "": functools.partial(_packaged, "judge.html", "text/html"),
@@ -56,7 +56,7 @@ class JudgePage:
         self.server = PlainServer(get, self._obey, host=host, port=port, verb="better real judge")
 
     def state(self) -> dict[str, Any]:
-        """Return the content of the page."""
+        """Return the content of the page as a JSON-serializable dict."""
         desk = self._desk
         return {
             "film": desk.index,
@@ -79,7 +79,10 @@ class JudgePage:
         return "video/mp4", self._desk.film(number, camera)
 
     def _obey(self, form: dict[str, Any]) -> object:
-        """Execute a command and return the new state. A command for a film that is no longer displayed is ignored."""
+        """Execute a command and return the new content of the page.
+
+        A command about a film that is no longer displayed is ignored.
+        """
         sent = read_form(_SENT, form, where="page", cure="Reload the page")
         with self._lock:
             if sent.film == self._desk.index:

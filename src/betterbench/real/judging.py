@@ -1,4 +1,4 @@
-"""Judge's queue: films of a protocol in random order, without the condition, the policy or other people's entries."""
+"""Queue of a judge: films in random order, without the condition, the policy or the entries of other people."""
 
 from __future__ import annotations
 
@@ -18,27 +18,28 @@ logger = logging.getLogger(__name__)
 
 
 class JudgeDesk:
-    """Work of one judge: the queue, the current trial and the judge's entries.
+    """State of one judge's work: the queue of trials, the current trial and the judge's entries.
 
-    The order depends on the plan's seed and the person's name. The same command therefore resumes, and each judge gets
-    a different order. A judge sees only the films, the instruction and the judge's own entries.
+    The order depends on the seed of the plan and the name of the judge. The same command therefore resumes where it
+    stopped, and each judge gets a different order. A judge sees only the films, the instruction and the judge's own
+    entries.
 
     Attributes:
         person: Name of the judge.
         trials: Finished trials, in this judge's order.
         index: Index of the current trial.
-        message: Message to the judge about the last command.
-        is_problem: Whether the message reports a problem.
+        message: Message to the judge about the result of the last command.
+        is_problem: Whether this message reports a problem.
     """
 
     def __init__(self, folder: Path, person: str) -> None:
         """Read the finished trials and this judge's earlier entries.
 
         Raises:
-            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name is a
-                variant of an earlier judge's name.
-            RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials with such a
-                header are left out and logged.
+            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name differs
+                only in spelling from that of an earlier judge.
+            RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials whose header is
+                damaged are left out and logged.
         """
         run = read_run(folder)
         for damaged in run.damaged:
@@ -53,11 +54,13 @@ class JudgeDesk:
             raise InvalidInputError(str(folder), "has no finished trial", "Run trials with better real run first")
         if any(same_name(person, other) for other in run.operators):
             problem = f"{person!r} is the operator of this protocol and knows conditions and policies"
-            raise InvalidInputError("--person", problem, "Let another person judge, and give that name")
+            raise InvalidInputError(
+                "--person", problem, "Ask another person to judge, and give the name of that person"
+            )
         other = next((name for name in sorted(run.judges) if name != person and same_name(name, person)), None)
         if other is not None and person not in run.judges:
             problem = f"{person!r} differs only in spelling from {other!r}, who already judged here"
-            raise InvalidInputError("--person", problem, f"Give {other}, or a name that differs more")
+            raise InvalidInputError("--person", problem, f"Give the name {other}, or a name that differs more clearly")
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)
@@ -72,24 +75,24 @@ class JudgeDesk:
 
     @property
     def done(self) -> int:
-        """Number of trials that this judge has entered."""
+        """Number of trials for which this judge has entered an outcome."""
         return len(self._mine)
 
     @property
     def chosen(self) -> str | None:
-        """This judge's outcome for the current trial, or None."""
+        """Outcome that this judge entered for the current trial, or None."""
         return self._mine.get(self.at_hand.code)
 
     def step(self, by: int) -> None:
-        """Move by a number of trials; after the last trial comes the first."""
+        """Move forward or backward in the queue by a number of trials. The queue is circular."""
         self.index = (self.index + by) % len(self.trials)
         self._say("")
 
     def choose(self, outcome: str, note: str = "") -> None:
-        """Enter an outcome for the current trial and go to the next trial without an entry.
+        """Enter an outcome for the current trial, and go to the next trial without an entry.
 
-        If the trial was discarded in the meantime, or its films cannot be shown, nothing is entered and the message
-        says so.
+        If the operator has discarded the trial in the meantime, or its films cannot be shown, nothing is entered. The
+        message then states the problem.
         """
         trial = self.at_hand
         try:
@@ -129,7 +132,10 @@ class JudgeDesk:
             self.film(self.index, camera)
 
     def undo(self) -> None:
-        """Undo the last entry of this session, or else the entry for the current film, and show that film."""
+        """Undo the last entry of this session. If there is none, undo the entry for the current film.
+
+        The film of the undone entry is shown again.
+        """
         if not self._made and self.chosen is None:
             self._say("There is no entry to undo. Go to a film with an entry first.", is_problem=True)
             return
@@ -141,11 +147,15 @@ class JudgeDesk:
         self._say(f"film {self.index + 1}: entry undone")
 
     def film(self, number: int, camera: str) -> bytes:
-        """Return a film (MP4) of a trial, given the trial's index in this judge's order.
+        """Return a film (MP4) of a trial.
+
+        Args:
+            number: Index of the trial in this judge's order.
+            camera: Name of the camera.
 
         Raises:
             InvalidInputError: If the film is missing or was changed. Only the log names the trial, because judges must
-                not see it.
+                not know it.
         """
         try:
             return self.trials[number].film(camera).read_bytes()
@@ -161,7 +171,7 @@ class JudgeDesk:
 
 
 def _entries_of(run: RealRun, person: str) -> dict[str, str]:
-    """Return a judge's current outcomes by trial, without undone entries."""
+    """Return the outcomes that a judge has entered, by trial code. Entries that were undone are left out."""
     return {
         trial.code: entry.decision.outcome
         for trial in run.trials
@@ -171,7 +181,10 @@ def _entries_of(run: RealRun, person: str) -> dict[str, str]:
 
 
 def _shuffled(run: RealRun, person: str) -> tuple[RealTrial, ...]:
-    """Return the finished trials in a judge's order; trials finished later do not change the order of earlier ones."""
+    """Return the finished trials in a judge's order.
+
+    Trials that finish later do not change the order of earlier ones.
+    """
     place = {code: k for k, code in enumerate(_order([t.code for t in run.plan.trials], run.plan.seed, person))}
     return tuple(sorted(run.trials, key=lambda trial: place[trial.code]))
 

@@ -1,9 +1,9 @@
-"""Label of a trial on a real arm, from joint signals and the entries of judges who watched its film.
+"""Label of a trial on a real arm, from joint signals and the entries of judges who watched the film.
 
-The labels are those of the simulated diagnosis. Rest and back-and-forth motion are detected by its rules. Only judges
-know which object was taken and which objects are in the basket. If neither source gives a label, the label is None and
-the trial is unscored. If the joint states contradict an entry, the contradiction is reported, and the trial is unscored
-until the judges enter a new outcome.
+The labels and the rules for rest and back-and-forth motion are those of the simulated diagnosis. Only the judges can
+tell which object was taken and which objects are in the basket. If neither the signals nor the judges determine a
+label, the label is None and the trial is unscored. If the joint states contradict an entry, the contradiction is
+reported, and the trial is unscored until the judges enter a new outcome.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from betterbench.tasks.labels import Label
 from betterbench.tasks.thresholds import EMPTY_SLOT_REACH, THRESHOLDS
 
 Basis = Literal["joints", "judges", "joints and judges", "record", "nothing"]
-"""Source of a label."""
+"""Source from which a label was derived."""
 
 UNSCORED = "unscored"
-"""Text of a missing label in tables and JSON."""
+"""Text that replaces a missing label in tables and JSON."""
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Combined entries of a trial's judges.
+    """Combined entries of the judges of a trial.
 
     Attributes:
         outcome: Outcome entered by more than half of the judges, or None.
-        why_open: Reason why there is no outcome, one sentence; empty if there is one.
-        votes: Outcome of each judge by name.
+        why_open: Sentence that explains why there is no such outcome; empty if there is one.
+        votes: Outcome entered by each judge, by the judge's name.
         operator: Outcome entered by the operator, or None. It does not affect the label, because the operator knows the
             condition.
-        notes: Notes of the judges, each with its author.
+        notes: Notes of the judges, each preceded by the name of its author.
     """
 
     outcome: str | None
@@ -52,7 +52,7 @@ class Judged:
 
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> Judged:
-        """Combine the current entries for one attempt."""
+        """Combine the current entries of all people about one attempt at a trial."""
         seen = [(entry, entry.decision) for entry in entries if entry.decision.kind == "seen"]
         votes = {entry.author: decision.outcome for entry, decision in seen if entry.role == "judge"}
         operators = [decision.outcome for entry, decision in seen if entry.role == "operator"]
@@ -76,12 +76,13 @@ class RealLabel:
 
     Attributes:
         label: Label, or None for a trial that is not scored.
-        rule: Name of the rule, as in the simulated diagnosis if the rule is the same.
-        text: Evidence, one or more sentences.
+        rule: Name of the rule that gave the label. Rules of the simulated diagnosis keep their names.
+        text: Evidence in one or more sentences.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
-        basis: Source of the label.
-        contradiction: The judges' entry and the joint states that contradict it; empty without a contradiction.
+        basis: Source from which the label was derived.
+        contradiction: Description of the judges' entry and of the joint states that contradict it; empty if there is no
+            contradiction.
     """
 
     label: Label | None
@@ -94,21 +95,21 @@ class RealLabel:
 
     @property
     def name(self) -> str:
-        """The label as text."""
+        """Name of the label, or "unscored" if there is none."""
         return UNSCORED if self.label is None else self.label.value
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the label as a JSON-serializable dict."""
         return {**asdict(self), "label": self.name}
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Location at which the jaw closed.
+    """Location at which the jaw of the gripper closed.
 
     Attributes:
-        object: Kind of the object that was there at the start; None for an empty slot or an unknown location.
-        slot: Name of the slot or None.
+        object: Kind of the object that was at the location at the start; None for an empty slot or an unknown location.
+        slot: Name of the slot, or None if the location is unknown.
         gap_m: Horizontal distance to the slot's center, minus the slot's jitter [m].
     """
 
@@ -119,12 +120,14 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Facts of a condition that labels depend on.
+    """Properties of a condition on which the labels of its trials depend.
 
     Attributes:
+        exposure: Comparison of the condition with the training conditions.
         due: Kinds of the objects to pack, in order.
         half_done: Whether the scene looks like the middle of a demonstration.
-        rest_absent: Whether the scene looks half done and an object named in the twin's instruction is absent.
+        rest_absent: Whether the scene looks half done, and an object named in the instruction of the training twin (the
+            training trial with the same seed) is absent.
     """
 
     exposure: Exposure
@@ -134,7 +137,7 @@ class Setting:
 
     @classmethod
     def of(cls, task: str, condition: str) -> Setting:
-        """Return the label-relevant facts about a condition; raise UnknownNameError if it does not exist."""
+        """Return the properties of a condition on which labels depend. Raise UnknownNameError if it does not exist."""
         x = Exposure.of(task, condition)
         due = tuple(kind for goal in x.open_goals for kind in sorted(x.kinds(goal)))
         here = {o.kind for o in x.test.objects if o.name in x.test.layout or o.name in x.test.preplaced}
@@ -143,14 +146,15 @@ class Setting:
 
     @property
     def expected(self) -> Expected:
-        """Behavior of a policy that understands the instruction."""
+        """Expected behavior of a policy that understands the instruction."""
         return self.exposure.test.expected
 
     def place_of(self, closing: Closing) -> Place:
-        """Return the object or empty training slot nearest to a closing, if one is close enough.
+        """Return the object or empty training slot that is closest to where the jaw closed, if it is close enough.
 
         Objects are assumed to be at their initial positions, within the jitter of their slots. As in the simulated
-        diagnosis, an instructed object counts as missed if it is at most ``doubt`` farther away than an empty slot.
+        diagnosis, an object that the instruction names is preferred to an empty slot, unless it is farther away by more
+        than ``doubt``.
         """
         x, picked = self.exposure, {s for slots in self.exposure.trained.kind_slots.values() for s in slots}
         found: list[Place] = []
@@ -168,7 +172,7 @@ class Setting:
         return best
 
     def trained_at(self, slot: str) -> str:
-        """Return a text that lists the object kinds picked from a slot in training."""
+        """Return a text that lists the kinds of objects that were picked from a given slot in training."""
         kinds = [kind for kind, slots in sorted(self.exposure.trained.kind_slots.items()) if slot in slots]
         return listed([f"the {kind}" for kind in kinds])
 
@@ -180,10 +184,12 @@ class Setting:
 
 
 def label_trial(trial: RealTrial, task: str) -> tuple[RealLabel, JointSignals | None, Judged]:
-    """Return the label of a finished trial, together with its signals and the judges' entries.
+    """Return the label of a finished trial, the joint signals, and the combined entries of the judges.
+
+    The signals are None if the trial is too short.
 
     Raises:
-        RecordError: If its samples are missing, changed or damaged.
+        RecordError: If the samples of the trial are missing, changed or damaged.
     """
     judged, header = Judged.of(trial.entries), trial.header
     if header.steps < 2:
@@ -201,10 +207,10 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
     """Return the label of a trial.
 
     Args:
-        setting: Facts of the condition.
+        setting: Properties of the trial's condition.
         signals: Joint signals.
-        judged: The judges' entries.
-        held_share: Share of control steps in which the policy gave no answer in time.
+        judged: Combined entries of the judges.
+        held_share: Fraction of the control steps in which the policy gave no answer in time.
     """
     end = signals.duration_s
     if judged.outcome is not None and not outcome_named(judged.outcome).scored:
@@ -226,7 +232,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
 
 
 def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | None) -> str:
-    """Describe an outcome that the joint states contradict, in one or two sentences; empty without a contradiction."""
+    """Describe how the joint states contradict an outcome, in one or two sentences; empty if they do not."""
     if outcome is None:
         return ""
     said = f"The judges entered {outcome!r} ({outcome_named(outcome).title})"
@@ -259,7 +265,7 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
 
 
 def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an arm that never moved. The joint states show this without a judge."""
+    """Return the label of a trial in which the arm never moved. The joint states show this, so no judge is needed."""
     basis: Basis = "joints" if judged.outcome is None else "joints and judges"
     still = f"The arm never moved in {signals.duration_s:.0f} s"
     if setting.expected is Expected.STAY_STILL:
@@ -272,7 +278,11 @@ def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> Rea
 
 
 def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float, still: str) -> RealLabel:
-    """Return the label of an arm that stands still with steps left to do: either phase conflict I or an early halt."""
+    """Return the label of an arm that stands still although steps are left to do.
+
+    The label is phase conflict I if the scene looks like the middle of a demonstration and no grasp was attempted.
+    Otherwise, it is early halt.
+    """
     left = listed([f"the {kind}" for kind in setting.due])
     if setting.half_done and not signals.attempts:
         text = f"{still}, and the scene looks like the middle of a demonstration (phase conflict I). Due: {left}."
@@ -282,7 +292,7 @@ def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float,
 
 
 def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if every instructed object is in the basket at the end."""
+    """Return the label for a trial in which the judges saw every requested object in the basket at the end."""
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
@@ -301,7 +311,7 @@ def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
 
 
 def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label of a moving arm in a scene with nothing left to do."""
+    """Return the label of a trial in which the arm moves although nothing is left to do in the scene."""
     end = signals.duration_s
     if signals.grasps:
         first = signals.grasps[0]
@@ -330,7 +340,7 @@ def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if only some of the objects were packed and the arm did not reach for another one."""
+    """Return the label for a trial in which only some objects were packed and the arm reached for no other object."""
     del judged
     last = max((c.over_s for c in signals.grasps if c.let_go_s is not None), default=0.0)
     after = [c for c in signals.attempts if c.start_s > last]
@@ -355,7 +365,7 @@ def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
 
 
 def _froze(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an arm that the judges saw standing still."""
+    """Return the label for a trial in which the judges saw the arm stand still."""
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
@@ -375,7 +385,7 @@ def _grasped_nothing(setting: Setting, signals: JointSignals, judged: Judged) ->
 
 
 def _air_grasp(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label for a last closing of the jaw without an object."""
+    """Return the label for a trial in which the judges saw the jaw close without an object."""
     empty = [c for c in signals.attempts if not c.holds]
     last = empty[-1]
     if setting.rest_absent and setting.expected is Expected.STAY_STILL:
@@ -403,7 +413,7 @@ def _oscillated(setting: Setting, signals: JointSignals, judged: Judged) -> Real
 
 
 def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label for back-and-forth motion."""
+    """Return the label for a trial with back-and-forth motion."""
     span = signals.to_and_fro
     start = 0.0 if span is None else span.start_s
     seen = (
@@ -422,9 +432,9 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if a wrong object was grasped.
+    """Return the label for a trial in which the judges saw the arm grasp a wrong object.
 
-    The kind of the label follows from the position at which the jaw closed.
+    The label depends on the position at which the jaw closed.
     """
     del judged
     others = []
@@ -444,7 +454,7 @@ def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> Re
 
 
 def _missed(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of a failed attempt at a correct object."""
+    """Return the label for a trial in which the judges saw a failed attempt at a correct object."""
     del setting, judged
     lost = [c for c in signals.grasps if c.lost_s is not None]
     last = lost[-1] if lost else signals.attempts[-1] if signals.attempts else None
@@ -484,14 +494,14 @@ _BY_OUTCOME = {
     "undid": _undid,
     "other": _other,
 }
-"""Labeling rule for each scored outcome."""
+"""Function that labels a trial, for each scored outcome."""
 
 
 # ------------------------------------------------------------------------------------------------------------ wording
 
 
 def _empty_slot(setting: Setting, closing: Closing) -> str | None:
-    """Return a clause about a closing without an object at an empty training slot, or None."""
+    """Return a clause that says at which empty training slot the jaw closed, or None if it closed elsewhere."""
     place = setting.place_of(closing)
     if closing.holds or place.slot is None or place.object is not None:
         return None
@@ -500,26 +510,26 @@ def _empty_slot(setting: Setting, closing: Closing) -> str | None:
 
 
 def _at(closing: Closing) -> str:
-    """Return a clause about one closing."""
+    """Return a clause that describes one closing of the jaw."""
     on = "on something" if closing.holds else "on nothing"
     where = f"({closing.x:.2f}, {closing.y:.2f}) m"
     return f"the jaw closes {on} at {where} after {closing.start_s:.1f} s (opening {closing.opening:.0f} %)"
 
 
 def _openings(signals: JointSignals) -> str:
-    """Return a clause with the openings at which the jaw stopped."""
+    """Return a clause that states the openings at which the jaw stopped."""
     if not signals.closings:
         return "it kept its opening"
     return f"it stopped at {listed([f'{c.opening:.0f} %' for c in signals.closings])}"
 
 
 def _grips(signals: JointSignals) -> str:
-    """Return a clause about all grasps."""
+    """Return a clause that states how often the jaw closed on something."""
     return f"the jaw closed on something {plural(len(signals.grasps), 'time')}"
 
 
 def _summary(signals: JointSignals) -> str:
-    """Return one sentence that summarizes the joint signals."""
+    """Return a sentence that summarizes the joint signals."""
     parts = [f"{plural(len(signals.grasps), 'closing')} on something"]
     parts.append(f"{plural(len(signals.attempts) - len(signals.grasps), 'closing')} on nothing")
     if signals.freeze is not None:

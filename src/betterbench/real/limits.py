@@ -5,10 +5,11 @@ The limits are applied in this order, so that no limit can violate an earlier on
 1. A command that is not finite is replaced by the last command.
 2. Each target is clipped to the range of its joint.
 3. Each target is clipped to within ``lead`` of the measured position. A blocked joint then does not jump when it is
-released, and the arm moves only a little farther if the program is killed. 4. A joint whose load is above the maximum
-keeps its last command; the gripper may still open. 5. The step from the last command is scaled down to the largest
-speed, all arm joints by the same factor. 6. The step is shortened until the tool center point, by the forward
-kinematics of the twin, is inside the workspace.
+   released, and the arm moves only a little farther if the program is killed.
+4. A joint whose load is above the maximum keeps its last command. The gripper may still open.
+5. The step from the last command is scaled down to the maximum speed, all arm joints by the same factor.
+6. The step is shortened until the tool center point is inside the workspace. Its position is computed by the forward
+   kinematics of the simulated arm.
 
 If a joint is overloaded or does not follow its command for some time, :class:`LimitError` is raised and the trial is
 aborted.
@@ -33,11 +34,11 @@ ROBOT = "so101"
 _ARM = slice(0, 5)
 _GRIPPER = 5
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Fractions to try for a step that would leave the workspace."""
+"""Fractions of a step that are tried in turn if the step would leave the workspace."""
 
 
 class LimitError(BetterError):
-    """Error for a motor that is overloaded or does not follow its command; a person must check the arm."""
+    """Error for a motor that is overloaded or does not follow its command. A person must check the arm."""
 
 
 @strict_form
@@ -46,18 +47,18 @@ class SafetyLimits:
     """Safety limits of an SO-101, in units that do not depend on the plan.
 
     Attributes:
-        speed_rad_s: Largest speed of each arm joint [rad/s]. The simulated servos reach 3 rad/s.
-        gripper_speed: Largest speed of the gripper, in percent of its travel per second.
-        lead_s: Time at full speed that a target may be ahead of the measured position [s].
-        load: Largest load, as a fraction of the maximum.
-        load_s: Longest time of an overload of an arm joint [s].
-        stall_rad: Lag of an arm joint behind its command that counts as not following [rad].
-        stall_s: Longest time for which a joint may fail to follow [s].
-        box_low: Lowest corner of the tool center point's workspace in the base frame [m]: x ahead, y left, z up from
-            the table.
-        box_high: Its highest corner [m].
-        watchdog_s: Time without an answer from the policy after which the arm holds its position [s]; the step then
-            counts as held.
+        speed_rad_s: Maximum speed of each arm joint [rad/s]. The simulated servos reach 3 rad/s.
+        gripper_speed: Maximum speed of the gripper, in percent of its travel per second.
+        lead_s: Maximum lead of a target over the measured position, as the time in which the joint covers it at maximum
+            speed [s].
+        load: Maximum load, as a fraction of the load that the motor can carry.
+        load_s: Maximum time for which an arm joint may be overloaded [s].
+        stall_rad: Lag of an arm joint behind its command above which the joint is considered not to follow [rad].
+        stall_s: Maximum time for which a joint may fail to follow [s].
+        box_low: Lower corner of the workspace of the tool center point, in the base frame [m]: x ahead, y left, z up
+            from the table.
+        box_high: Upper corner of that workspace [m].
+        watchdog_s: Time without an answer from the policy after which the arm holds its measured position [s].
     """
 
     speed_rad_s: float = 1.5
@@ -77,31 +78,31 @@ class SafetyLimits:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InvalidInputError(
-                    f"limits: {name}", f"{value} is not a positive number", "Give a positive number"
+                    f"limits: {name}", f"expected a positive number, got {value}", "Correct the limit"
                 )
         if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
             raise InvalidInputError(
-                "limits: box", f"{self.box_low} is not below {self.box_high}", "Give the lower corner first"
+                "limits: box", f"{self.box_low} is not below {self.box_high}", "Set box_low below box_high"
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the limits as a JSON-serializable dict."""
         return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limited:
-    """Command with all limits applied, (6,), and the names of the limits that changed it."""
+    """Command (6,) to which all limits were applied, and the names of the limits that changed it."""
 
     command: np.ndarray
     by: tuple[str, ...]
 
 
 class Limiter:
-    """Limits for the commands of one episode; call :meth:`start` before the first command."""
+    """Applies the limits to the commands of one episode. Call :meth:`start` before the first command."""
 
     def __init__(self, limits: SafetyLimits, space: ActionSpace, *, rate_hz: float) -> None:
-        """Convert the limits to the units of an action space, at a control rate [Hz]."""
+        """Convert the limits to the units of an action space, for a given control rate [Hz]."""
         spec = robot(ROBOT)
         self.limits, self.space = limits, space
         self._ik = ArmIK(spec)
@@ -110,12 +111,12 @@ class Limiter:
         low = np.array([v + margin for v in spec.joint_low]) / self._unit
         high = np.array([v - margin for v in spec.joint_high]) / self._unit
         self.low = np.maximum(np.array([*low, 0.0]), space.low)
-        """(6,) smallest command."""
+        """(6,) lowest allowed command."""
         self.high = np.minimum(np.array([*high, 100.0]), space.high)
-        """(6,) largest command."""
+        """(6,) highest allowed command."""
         speed = np.array([*(limits.speed_rad_s / self._unit), limits.gripper_speed])
         self.most_step = speed / rate_hz
-        """(6,) largest step between two commands."""
+        """(6,) maximum step between two commands."""
         self._lead = np.maximum(speed * limits.lead_s, 2.0 * self.most_step)
         self._stall = limits.stall_rad / self._unit
         self._period_s = 1.0 / rate_hz
@@ -124,7 +125,7 @@ class Limiter:
         self._is_started = False
 
     def start(self, state: np.ndarray) -> None:
-        """Start an episode at a measured state, (6,).
+        """Start an episode at a measured state (6,).
 
         Raises:
             LimitError: If the state is not finite.
@@ -138,21 +139,21 @@ class Limiter:
 
     @property
     def last(self) -> np.ndarray:
-        """(6,) last command."""
+        """Last command (6,)."""
         return self._last.copy()
 
     def tool(self, positions: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the tool center point at positions, (3,) in the base frame [m]."""
+        """Return the position (3,) of the tool center point in the base frame [m], for given motor positions."""
         return np.array(self._ik.forward(np.asarray(positions)[_ARM] * self._unit).position)
 
     def limit(self, asked: np.ndarray, state: np.ndarray, load: np.ndarray) -> Limited:
-        """Return the command for a requested target, each (6,).
+        """Return the command to send for a requested target (6,), given the measured state (6,) and load (6,).
 
         Raises:
-            LimitError: If the arm's state is not finite, a joint is overloaded or does not follow for too long.
+            LimitError: If the measured state is not finite, or a joint is overloaded or does not follow for too long.
         """
         if not self._is_started:
-            raise InvalidInputError("limits", "start was not called", "Call it with the measured state")
+            raise InvalidInputError("limits", "start was not called", "Call start with the measured state")
         if not np.isfinite(state).all():
             raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
         self._watch(state, load)
@@ -184,14 +185,17 @@ class Limiter:
         return Limited(self._last.copy(), tuple(by))
 
     def _scaled(self, step: np.ndarray) -> np.ndarray:
-        """Return a step scaled down to the largest speed, the arm joints by one factor."""
+        """Return a step that is scaled down to the maximum speed. All arm joints are scaled by the same factor."""
         ratio = float(np.max(np.abs(step[_ARM]) / self.most_step[_ARM]))
         arm = step[_ARM] / ratio if ratio > 1.0 else step[_ARM]
         most = self.most_step[_GRIPPER]
         return np.array([*arm, min(max(step[_GRIPPER], -most), most)])
 
     def _inside(self, step: np.ndarray, by: list[str]) -> np.ndarray:
-        """Return the largest fraction of a step that stays in the workspace or, from outside, comes closer to it."""
+        """Return the largest fraction of a step that stays in the workspace.
+
+        If the arm is outside the workspace, return the largest fraction that brings it closer.
+        """
         before = self._outside(self._last)
         for fraction in _FRACTIONS:
             part = np.array([*(fraction * step[_ARM]), step[_GRIPPER]])
@@ -205,7 +209,7 @@ class Limiter:
         return np.array([*np.zeros(5), step[_GRIPPER]])
 
     def _outside(self, positions: np.ndarray) -> float:
-        """Return the distance of the tool center point from the workspace [m]; 0 inside."""
+        """Return the distance of the tool center point from the workspace [m]; 0 if it is inside."""
         tool = self.tool(positions)
         beyond = np.maximum(
             np.maximum(np.array(self.limits.box_low) - tool, tool - np.array(self.limits.box_high)), 0.0
@@ -213,7 +217,7 @@ class Limiter:
         return float(np.linalg.norm(beyond))
 
     def _watch(self, state: np.ndarray, load: np.ndarray) -> None:
-        """Raise LimitError for an arm joint that has been overloaded, or has not followed its command, for too long."""
+        """Raise LimitError if an arm joint was overloaded, or did not follow its command, for too long."""
         over = np.abs(np.nan_to_num(load[_ARM])) > self.limits.load
         lagging = np.abs(self._last - state)[_ARM] > self._stall
         self._over_s = np.where(over, self._over_s + self._period_s, 0.0)
@@ -227,9 +231,9 @@ class Limiter:
             joint = int(np.argmax(self._stalled_s))
             lag, lasted = abs(self._last[joint] - state[joint]), self._stalled_s[joint]
             text = f"{SO101_MOTORS[joint]} does not follow its command: it has been {lag:.0f} behind for {lasted:.1f} s"
-            raise LimitError(f"{text}. Check that nothing blocks it, its cable and its power.")
+            raise LimitError(f"{text}. Check that nothing blocks the joint, and check its cable and power.")
 
 
 def _named(mask: np.ndarray) -> str:
-    """Return the names of the selected motors."""
+    """Return the names of the motors selected by a mask."""
     return ", ".join(name for name, marked in zip(SO101_MOTORS, mask, strict=True) if marked)

@@ -1,4 +1,4 @@
-"""Execution of one trial on the arm, which moves to the initial pose, runs the policy, records it, and stops the arm.
+"""Execution of one trial: the arm moves to the initial pose, follows the policy, is recorded, and is stopped.
 
 The loop never waits for the policy. If no action arrives, the arm first completes the last command and then, after the
 watchdog time, holds its measured position. The software switch is turned off at the end of every trial: the arm holds
@@ -32,20 +32,20 @@ from betterbench.sim.robots import ArmIK, robot
 from betterbench.sim.scenes.appearance import start_joints_of
 
 NO_FRAME_S = 1.0
-"""Maximum age of a camera's newest frame; with an older frame, the trial is aborted [s]."""
+"""Maximum age of a camera's newest frame [s]. If the frame is older, the trial is aborted."""
 HOME_S = 15.0
 """Maximum duration of the motion to the initial pose [s]."""
 HOME_SHARE = 0.5
 """Speed of the motion to the initial pose, as a fraction of the maximum speed."""
 AT_HOME_RAD, AT_HOME_GRIPPER = 0.08, 10.0
-"""Maximum distance from the start pose at which a trial may begin: per arm joint [rad], and for the gripper
+"""Maximum distance from the initial pose at which a trial may begin: for each arm joint [rad], and for the gripper
 [percent]."""
 
 logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """Error for an aborted trial. Such a trial does not count. The message gives the reason."""
+    """Error for an aborted trial. The attempt does not count. The message states why it was aborted."""
 
 
 @dataclass(slots=True)
@@ -53,9 +53,10 @@ class Controls:
     """Signals from the operator to a running trial.
 
     Attributes:
-        end: Set to end the trial; the trial counts.
-        stop: Set to stop the arm immediately; the attempt does not count.
-        show: Called with the newest reading, for display on a page.
+        end: Set to end the trial. The trial counts.
+        stop: Set to stop the arm immediately. The attempt does not count.
+        show: Called with the newest reading, which is displayed on a page.
+        why: Reason for a stop.
     """
 
     end: threading.Event = field(default_factory=threading.Event)
@@ -65,13 +66,16 @@ class Controls:
 
 
 class Pace:
-    """Timer for control steps. A late step delays all following steps, so that the arm never speeds up to catch up."""
+    """Timer for control steps.
+
+    If a step is late, all following steps are delayed as well, so that the arm never moves faster to catch up.
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s, self._due, self.late_steps = 1.0 / rate_hz, time.monotonic(), 0
 
     def wait(self) -> None:
-        """Wait for the next step."""
+        """Wait until the next control step is due."""
         self._due += self._period_s
         left = self._due - time.monotonic()
         if left > 0.0:
@@ -101,10 +105,10 @@ _WIDE = ("state", "command", "asked", "load")
 
 
 class TrialRun:
-    """One attempt at a trial: its execution and its recording.
+    """Execution and recording of one attempt at a trial.
 
     Attributes:
-        left_busy: Whether the policy was still computing an answer at the end of the trial.
+        left_busy: Whether the policy was still computing an answer when the trial ended.
     """
 
     def __init__(
@@ -162,7 +166,7 @@ class TrialRun:
         return header
 
     def _read(self) -> Reading:
-        """Return the state, after checking the stop signal and the age of each camera's newest frame."""
+        """Abort if a stop was requested, read the state of the arm, and check the age of each camera's newest frame."""
         self._look_for_stop()
         reading = self._arm.read()
         for camera in self._arm.robot.cameras:
@@ -170,7 +174,7 @@ class TrialRun:
             age = math.inf if frame is None else reading.time_s - frame.time_s
             if age > NO_FRAME_S:
                 told = "has sent no frame" if frame is None else f"has sent no frame for {age:.1f} s"
-                raise RobotError(f"Camera {camera} {told}. Check its plug, and that no other program uses it.")
+                raise RobotError(f"Camera {camera} {told}. Check its plug, and close other programs that use it.")
         self._controls.show(reading)
         return reading
 
@@ -179,12 +183,12 @@ class TrialRun:
             raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
-        """Return the initial joint positions of the trial, (6,). They are those of the twin, with the gripper open."""
+        """Return the initial motor positions of the trial (6,): those of the simulated twin, with the gripper open."""
         joints = start_joints_of(self._plan.task, self._planned.scene_seed, self._spec)
         return np.array(self._spec.positions_in(self._space, joints, self._spec.gripper_opening_m))
 
     def _go_to_start(self) -> None:
-        """Move to the initial positions at reduced speed."""
+        """Move to the initial motor positions at reduced speed."""
         wanted = np.clip(self.start_position(), self._arm.limiter.low, self._arm.limiter.high)
         near = np.array([*(AT_HOME_RAD / np.array(self._space.scale[:5])), AT_HOME_GRIPPER])
         reading = self._read()
@@ -200,7 +204,9 @@ class TrialRun:
             self._arm.move(self._arm.limiter.last + step / ratio, reading)
             self._pace.wait()
             reading = self._read()
-        raise RobotError(f"The arm did not reach its start within {HOME_S:.0f} s. Clear its way, or move it by hand.")
+        raise RobotError(
+            f"The arm did not reach its initial pose within {HOME_S:.0f} s. Clear its path, or move it by hand."
+        )
 
     def _follow_policy(self) -> Ending:
         asker = Asker(self._policy, self._space)
@@ -258,7 +264,7 @@ class TrialRun:
         rows.limited.append(limited and action is not None)
 
     def _observation(self, reading: Reading, step: int) -> Observation:
-        """Return the policy's input."""
+        """Return the observation that is sent to the policy."""
         units = np.array(self._space.scale)
         joints = reading.state[:5] * units[:5]
         speeds = np.zeros(5)

@@ -1,7 +1,7 @@
-"""Outcomes that a person can enter for a trial: one key per visible behavior.
+"""Outcomes that a person can enter for a trial: one key for each visible behavior.
 
-The definitions mention neither conditions nor policies, so that the operator and a judge who sees only the film use the
-same ones. Whether a behavior is correct in a condition is derived from the task later.
+The definitions mention neither conditions nor policies, so that the operator and a judge who sees only the film use
+the same definitions. Whether a behavior is correct in a condition is derived from the task later.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Visible behavior.
+    """Visible behavior that a person can enter for a trial.
 
     Attributes:
         name: Name in the entries ("air_grasp").
         key: Key on the pages.
         title: Short title.
-        definition: What a person must see to enter the outcome.
+        definition: Description of the behavior that a person must see to enter the outcome.
         scored: False if the trial is invalid and must be repeated.
     """
 
@@ -93,7 +93,7 @@ OUTCOMES = (
 
 
 def outcome_named(name: str) -> Outcome:
-    """Return an outcome by name; raise UnknownNameError if there is none."""
+    """Return the outcome with the given name. Raise UnknownNameError if there is none."""
     for outcome in OUTCOMES:
         if outcome.name == name:
             return outcome

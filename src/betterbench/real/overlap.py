@@ -1,12 +1,13 @@
-"""Per-object agreement between the live front camera image and the rendered image of the twin.
+"""Agreement, for each object, between the live image of the front camera and the rendered image of the simulated twin.
 
-For each visible object of the twin, the rendered object and its surroundings are searched for in the live image. The
-similarity is the normalized cross-correlation over the object and a border, with each color channel's mean removed, so
-that it does not depend on the brightness or tint of a channel. The best shift gives the position of the object, which
-the camera geometry converts to centimeters on the table.
+For each visible object of the twin, the live image is searched for the rendered object and its surroundings. The
+similarity is the normalized cross-correlation over the object and a border around it. The mean of each color channel is
+removed, and each channel is scaled, so that the result does not depend on the brightness or tint. The shift with the
+highest similarity gives the position of the object, which is converted to centimeters on the table by the camera
+geometry.
 
 The correlation compares shapes and color contrasts. It cannot detect additional objects. The color of the tablecloth is
-compared around the objects, by the ratio of green to blue.
+compared next to the objects, by the ratio of green to blue.
 """
 
 from __future__ import annotations
@@ -19,35 +20,35 @@ from betterbench.errors import InvalidInputError
 from betterbench.real.twin import TwinView
 
 FOUND = 0.6
-"""Minimum correlation at the best shift for an object to count as found."""
+"""Minimum correlation at the best shift at which an object is considered found."""
 MOST_OFF_M = 0.015
 """Maximum distance of an object from its planned position [m]. Slots have a jitter of 10 mm, and people align objects
 with the overlay by eye."""
 SEARCH_M = 0.07
-"""Search range in each direction [m]."""
+"""Distance from the planned position up to which an object is searched for, in each direction [m]."""
 BORDER_PX = 5
-"""Width of the border around an object that is included in the comparison [pixel]."""
+"""Width of the border around an object that is included in the comparison [pixels]."""
 COARSE_PX = 3
-"""Step size of the coarse search [pixel]."""
+"""Step size of the coarse search [pixels]."""
 SAMPLES = 400
-"""Maximum number of pixels compared per object."""
+"""Maximum number of pixels that are compared per object."""
 CLOTH_RATIO = 0.45
-"""Maximum difference in log(green / blue) of the tablecloth. The blue and green cloths differ by 0.94; a warm lamp
-(green 0.9, blue 0.75) shifts it by 0.18.
+"""Maximum difference in log(green / blue) between the tablecloths of the live and the rendered image. The blue and the
+green cloth differ by 0.94, and a warm lamp (green 0.9, blue 0.75) changes the value by 0.18.
 """
 LEAST_PX = 25
-"""Minimum visible size of an object for comparison [pixel]; smaller objects are left out."""
+"""Minimum visible area of an object that is compared [pixels]. Smaller objects are left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectAgreement:
-    """Agreement between live and rendered image for one object.
+    """Agreement between the live and the rendered image for one object.
 
     Attributes:
         name: Name of the object.
-        score: Correlation at the planned position, 0 to 1.
-        best: Correlation at the best shift.
-        off_m: Offset from the planned position along x (ahead of the arm) and y (to the arm's left) [m].
+        score: Correlation at the planned position, from 0 to 1.
+        best: Correlation at the position where it is highest.
+        off_m: Offset of this position from the planned one, along x (away from the arm) and y (to the arm's left) [m].
     """
 
     name: str
@@ -62,17 +63,17 @@ class ObjectAgreement:
 
     @property
     def distance_m(self) -> float:
-        """Distance from the planned position [m]."""
+        """Distance of the object from its planned position [m]."""
         return float(np.hypot(*self.off_m))
 
     @property
     def accepted(self) -> bool:
-        """Whether the object is at its planned position."""
+        """Whether the object was found close enough to its planned position."""
         return self.is_found and self.distance_m <= MOST_OFF_M
 
     @property
     def sentence(self) -> str:
-        """Correction for the operator, one sentence; empty if the object is accepted."""
+        """Sentence that tells the operator how the object is misplaced; empty if the object is accepted."""
         title = self.name.replace("_", " ")
         if self.accepted:
             return ""
@@ -92,9 +93,9 @@ class Agreement:
     """Agreement between a real scene and its simulated twin.
 
     Attributes:
-        objects: Compared objects, sorted by agreement with the worst first.
-        left_out: Objects that are not visible enough for a comparison.
-        cloth: Color of the planned tablecloth if another one is on the table; otherwise an empty string.
+        objects: Compared objects, with the worst agreement first.
+        left_out: Names of objects that are not visible enough for a comparison.
+        cloth: Color of the planned tablecloth if a different one is on the table; otherwise an empty string.
     """
 
     objects: tuple[ObjectAgreement, ...]
@@ -103,28 +104,28 @@ class Agreement:
 
     @property
     def score(self) -> float:
-        """Smallest object score, 0 to 1; 1 if no object was compared."""
+        """Lowest score of the compared objects, from 0 to 1; 1 if no object was compared."""
         return min((o.score for o in self.objects), default=1.0)
 
     @property
     def accepted(self) -> bool:
-        """Whether the tablecloth is right and every compared object is at its planned position."""
+        """Whether the tablecloth has the right color and every compared object is at its planned position."""
         return not self.cloth and all(o.accepted for o in self.objects)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One sentence that says that the tablecloth is wrong, if it is, and one sentence for each misplaced object."""
+        """Sentences about the problems: one if the tablecloth is wrong, and one for each misplaced object."""
         cloth = (f"The tablecloth is not {self.cloth}.",) if self.cloth else ()
         return (*cloth, *(o.sentence for o in self.objects if not o.accepted))
 
 
 def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
-    """Compare a live image, (height, width, 3) uint8, with the image of the twin.
+    """Compare a live image, (height, width, 3) uint8, with the image of the simulated twin.
 
     The live image is first scaled to the size of the twin's image.
 
     Raises:
-        InvalidInputError: If the shapes of the two images differ by more than 2 %.
+        InvalidInputError: If the aspect ratios of the two images differ by more than 2 %.
     """
     height, width = twin.image.shape[:2]
     live = _scaled(live, width, height)
@@ -139,7 +140,10 @@ def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
 
 
 def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
-    """Return the color of the twin's tablecloth if the live cloth differs around the objects, or an empty string."""
+    """Return the color of the twin's tablecloth if the live image shows a different tablecloth; otherwise "".
+
+    The colors are compared next to the objects.
+    """
     if not twin.cloth:
         return ""
     objects = np.logical_or.reduce(list(twin.masks.values()))
@@ -152,10 +156,10 @@ def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
 
 
 def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return an image scaled by area averaging; raise InvalidInputError if the aspect ratios differ."""
+    """Scale an image by area averaging. Raise InvalidInputError if the aspect ratio would change."""
     if image.ndim != 3 or image.shape[2] != 3 or abs(image.shape[1] * height / (image.shape[0] * width) - 1.0) > 0.02:
-        problem = f"its images have shape {image.shape}, but the twin's have {(height, width, 3)}"
-        raise InvalidInputError("front camera", problem, "Use the same ratio of width and height for both")
+        problem = f"its images have shape {image.shape}, but those of the twin have {(height, width, 3)}"
+        raise InvalidInputError("front camera", problem, "Use a camera size with the same ratio of width to height")
     if image.shape[:2] == (height, width):
         return image
     from PIL import Image  # noqa: PLC0415 - only for cameras of another size
@@ -164,7 +168,7 @@ def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> ObjectAgreement:
-    """Return the agreement of one object, from a coarse and then a fine search over image shifts."""
+    """Return the agreement for one object. A coarse search for the image shift is followed by a fine one."""
     motion = twin.pixels_per_m[name]
     reach = np.ceil(np.abs(motion).sum(axis=1) * SEARCH_M).astype(int)
     rows, columns = np.nonzero(_grown(mask))
@@ -190,10 +194,16 @@ def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> Ob
 
 
 def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the correlation of a template, (n, 3), with the live image at its points (u, v) for shifts, (m, 2).
+    """Return the correlation (m,) of a template with the live image for each of m shifts.
 
     Each channel is scaled by its best-fitting factor, so that a tint does not change the result. A point outside the
     image has the color of the nearest pixel.
+
+    Args:
+        template: (n, 3) colors of the template.
+        live: Live image.
+        points: (n, 2) pixels (u, v) of the template.
+        shifts: (m, 2) shifts (u, v) in pixels.
     """
     height, width = live.shape[:2]
     at = shifts[:, None, :] + points[None, :, :]
@@ -209,7 +219,7 @@ def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, sh
 
 
 def _grown(mask: np.ndarray) -> np.ndarray:
-    """Return a mask dilated by the border, without importing SciPy."""
+    """Return a mask enlarged by the width of the border. NumPy suffices for this, so SciPy is not imported."""
     grown = mask.copy()
     for _ in range(BORDER_PX):
         padded = np.pad(grown, 1)

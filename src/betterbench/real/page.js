@@ -86,7 +86,7 @@ async function watch() {
   }
 }
 
-// The next picture is asked for when the last one has come, so that a slow line does not pile up pictures.
+// The next image is requested when the last one has arrived, so that requests do not pile up on a slow connection.
 async function picture(id, camera, everyMs) {
   for (let n = 0; ; n++) {
     const next = new Image();

@@ -1,7 +1,7 @@
-"""Web page for the operator: live camera image with the twin as overlay, setup list, switch, start, stop and keys.
+"""Web page for the operator, with the live camera image, the twin as an overlay, the setup steps, and all controls.
 
-The page does not show the policy or the condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) behind
-:class:`~betterbench.browser.plain.PlainServer`.
+The page does not show the policy or the condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) that
+is served by :class:`~betterbench.browser.plain.PlainServer`.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from betterbench.sim.scenes.image_files import jpeg_bytes
 
 _LIVE_QUALITY = 85
 _OUTLINE = np.array([255, 64, 160], dtype=np.uint8)
-"""Color of the outlines in the overlay, which no object or tablecloth has."""
+"""Color of the outlines in the overlay. No object or tablecloth has this color."""
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
-    """Command from the page."""
+    """Command that the page sends."""
 
     name: Literal["arm", "disarm", "start", "force", "end", "enter", "undo", "again", "release", "stop"]
     value: Annotated[str, Field(max_length=40)] = ""
@@ -41,10 +41,10 @@ _SENT = TypeAdapter(_Sent)
 
 
 class OperatorPage:
-    """Web page of an operator's session."""
+    """Web page through which an operator runs a session."""
 
     def __init__(self, session: RealSession, *, host: str, port: int) -> None:
-        """Start listening. Raises InvalidInputError if the port is in use."""
+        """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._session = session
         get: dict[str, Callable[[], Answer | None]] = {
             "": functools.partial(_packaged, "page.html", "text/html"),
@@ -84,7 +84,7 @@ class OperatorPage:
         return None if view is None else ("image/jpeg", jpeg_bytes(view.image, quality=_LIVE_QUALITY))
 
     def _ghost(self) -> Answer | None:
-        """Return the twin's objects with their outlines on a transparent background."""
+        """Return the objects of the twin with their outlines, on a transparent background."""
         view = self._session.twin_view
         return None if view is None else ("image/png", ghost_png(view.image, list(view.masks.values())))
 
@@ -98,7 +98,7 @@ class OperatorPage:
 
 
 def ghost_png(image: np.ndarray, masks: list[np.ndarray]) -> bytes:
-    """Return the masked parts of an image with outlines, as a PNG that is transparent elsewhere."""
+    """Return the masked parts of an image and their outlines as a PNG that is transparent everywhere else."""
     inside = np.zeros(image.shape[:2], dtype=bool)
     edge = np.zeros_like(inside)
     for mask in masks:

@@ -1,11 +1,11 @@
 """Immutable plan of a protocol on a real arm: conditions and policies in randomized blocks.
 
-A block contains each condition once per policy. Conditions are in random order within a block. All policies run a
-condition one after the other, so that the scene is set up only once, and they take turns in running first. Drift in
+A block contains each condition once per policy. The conditions of a block are in random order. All policies run the
+same condition one after the other, so that the scene is set up only once. They take turns in running first. Drift in
 lighting or calibration then affects all policies equally. Each trial has a code ("K7Q") that reveals neither condition
 nor policy.
 
-The same arguments give the same bytes.
+The same arguments give the same plan file, byte for byte.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ PLAN_NAME = "plan.json"
 PLAN_VERSION = 1
 MAX_PLAN_BYTES = 4 << 20
 MOST_TRIALS = 2000
-"""Maximum number of trials in a plan, about two weeks of work at two minutes per trial."""
+"""Maximum number of trials in a plan. They take about two weeks of work at two minutes per trial."""
 
 CODE_LETTERS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
-"""Characters used in trial codes, chosen so that no two look alike."""
+"""Characters of trial codes, chosen so that no two of them look alike."""
 
 Unit = Literal["degrees", "normalized"]
 """Unit of the five arm joints: degrees, or -100 to 100 over each joint's range. The gripper is 0 to 100 in both."""
 
 ACTION_SPACES: dict[Unit, ActionSpace] = {"degrees": SO101_DEGREES, "normalized": SO101_NORMALIZED}
-"""Action space for each unit."""
+"""Action space for each unit of joint positions."""
 
 _CURE = "Restore the file from a copy, or plan into a new folder"
 _Name = Annotated[str, Field(min_length=1, max_length=80)]
@@ -56,7 +56,7 @@ _Code = Annotated[str, Field(pattern=f"^[{CODE_LETTERS}]{{3}}$")]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RealPolicy:
-    """Policy of a protocol: its name in tables and its address."""
+    """Policy of a protocol, with its name in tables and its address."""
 
     name: _Name
     address: _Text
@@ -68,11 +68,11 @@ class PlannedTrial:
     """One planned trial.
 
     Attributes:
-        code: Code shown to people instead of condition and policy.
-        block: Number of the block, from 0.
+        code: Code that people see instead of the condition and the policy.
+        block: Index of the block.
         condition: Name of the task condition ("T5").
         policy: Name of the policy.
-        scene_seed: Seed of the twin's scene that is shown to the operator; the same for a whole block.
+        scene_seed: Seed of the simulated scene that the operator reproduces; the same for all trials of a block.
     """
 
     code: _Code
@@ -89,15 +89,15 @@ class RealPlan:
 
     Attributes:
         task: Task of the suite ("fruit_basket").
-        task_version: Task version that defines the conditions.
-        conditions: Conditions, without repetition.
+        task_version: Version of the task that defines the conditions.
+        conditions: Names of the conditions, without repetition.
         policies: Policies, with different names.
-        repeats: Trials per condition and policy, which is also the number of blocks.
+        repeats: Number of trials per condition and policy, which is also the number of blocks.
         seed: Seed of the order and the codes.
-        unit: Unit of states and commands.
+        unit: Unit of joint positions in states and commands.
         rate_hz: Rate of actions [Hz].
         time_limit_s: Maximum duration of a trial [s].
-        trials: The trials in order.
+        trials: Trials, in the order in which they are run.
     """
 
     version: Literal[1]
@@ -113,7 +113,7 @@ class RealPlan:
     trials: tuple[PlannedTrial, ...]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError unless each block has each condition once per policy."""
+        """Raise InvalidInputError unless each block contains each condition once per policy."""
         names = [policy.name for policy in self.policies]
         _require_different("conditions", self.conditions)
         _require_different("policies", names)
@@ -121,7 +121,7 @@ class RealPlan:
         planned = Counter((trial.block, trial.condition, trial.policy) for trial in self.trials)
         asked = {(block, c, p): 1 for block in range(self.repeats) for c in self.conditions for p in names}
         if planned != asked:
-            problem = "do not contain each condition once per policy and block"
+            problem = "the trials do not contain each condition once per policy and block"
             raise InvalidInputError("trials", problem, "Make the plan with better real plan")
 
     @property
@@ -133,7 +133,7 @@ class RealPlan:
         """Return the trial with a given code.
 
         Raises:
-            InvalidInputError: If the plan has no such trial.
+            InvalidInputError: If the plan has no trial with this code.
         """
         for trial in self.trials:
             if trial.code == code:
@@ -141,25 +141,25 @@ class RealPlan:
         raise InvalidInputError("trial", f"the plan has no trial {code!r}", "Use a code listed by better real status")
 
     def address(self, policy: str) -> str:
-        """Return the address of a policy by its name."""
+        """Return the address of the policy with a given name."""
         return next(p.address for p in self.policies if p.name == policy)
 
     def instruction(self, condition: str) -> str:
-        """Return the instruction of a condition."""
+        """Return the text of a condition's instruction."""
         return resolve_condition(self.task, condition).condition.instruction.text
 
 
 def _require_different(where: str, names: Sequence[str]) -> None:
-    """Raise InvalidInputError if there are no names, or a name is repeated."""
+    """Raise InvalidInputError if a list of names is empty or contains a name twice."""
     if not names:
-        raise InvalidInputError(where, "is empty", "Give at least one")
+        raise InvalidInputError(where, "the list is empty", "Give at least one name")
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
         raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each name once")
 
 
 def same_name(first: str, second: str) -> bool:
-    """Return whether two names are equal except for case, spaces and Unicode forms."""
+    """Return whether two names are equal apart from case, spaces and Unicode forms."""
     plain = [" ".join(unicodedata.normalize("NFKC", name).casefold().split()) for name in (first, second)]
     return plain[0] == plain[1]
 
@@ -167,7 +167,7 @@ def same_name(first: str, second: str) -> bool:
 def _require_readable(names: Sequence[str]) -> None:
     """Raise InvalidInputError if a policy name is not one printable line, or is nearly the same as another name.
 
-    Names appear in tables, pages and files, and cannot be corrected later because a plan is immutable.
+    Names appear in tables, pages and files. They cannot be corrected later, because a plan is immutable.
     """
     for name in names:
         if not name.isprintable() or name != name.strip():
@@ -180,7 +180,10 @@ def _require_readable(names: Sequence[str]) -> None:
 
 
 def matrix_conditions(task: str) -> tuple[str, ...]:
-    """Return the first condition of each cell in a task's matrices, the default conditions of a protocol."""
+    """Return the first condition in each cell of a task's diagnostic matrices.
+
+    A protocol uses these conditions by default.
+    """
     found = get_task(task)
     if not found.matrices:
         cure = "Give --conditions, or a task with diagnostic matrices, such as fruit_basket"
@@ -199,12 +202,12 @@ def make_plan(
     rate_hz: float = 20.0,
     time_limit_s: float = 30.0,
 ) -> RealPlan:
-    """Create the plan of a protocol; by default, with one condition per cell of the task's matrices.
+    """Create the plan of a protocol. By default, it has one condition per cell of the task's diagnostic matrices.
 
     Raises:
         UnknownNameError: If the task or a condition does not exist.
         InvalidInputError: If a condition or name is repeated, a policy name is unreadable or too similar to another
-            one, or a number is out of range.
+            name, or a number is out of range.
     """
     chosen = matrix_conditions(task) if conditions is None else tuple(conditions)
     names = [policy.name for policy in policies]
@@ -214,8 +217,10 @@ def make_plan(
     for name in chosen:
         resolve_condition(task, name)
     if not 1 <= repeats <= MOST_TRIALS // (len(chosen) * len(names)):
-        problem = f"{repeats} blocks of {len(chosen) * len(names)} trials are not 1 to {MOST_TRIALS} trials"
-        raise InvalidInputError("trials per cell", problem, "Give another number")
+        problem = f"{repeats} blocks of {len(chosen) * len(names)} trials do not give 1 to {MOST_TRIALS} trials"
+        raise InvalidInputError(
+            "trials per cell", problem, "Choose a number of trials per condition with which the total is in this range"
+        )
     trials = [
         PlannedTrial(code, block, condition, policy, scene_seed)
         for code, (block, scene_seed, condition, policy) in zip(
@@ -239,7 +244,7 @@ def make_plan(
 
 
 def _stream(seed: int, purpose: str) -> np.random.Generator:
-    """Return the random generator for one purpose."""
+    """Return the random generator for one purpose, derived from the seed of the plan."""
     digest = hashlib.sha256(f"betterbench real|{seed}|{purpose}".encode()).digest()
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
 
@@ -247,7 +252,7 @@ def _stream(seed: int, purpose: str) -> np.random.Generator:
 def _ordered(
     conditions: Sequence[str], policies: Sequence[str], repeats: int, seed: int
 ) -> list[tuple[int, int, str, str]]:
-    """Return (block, scene seed, condition, policy) for all trials in order."""
+    """Return the trials in order, each as a tuple of block, scene seed, condition and policy."""
     found = []
     for block in range(repeats):
         order = _stream(seed, f"order {block}")
@@ -262,7 +267,7 @@ def _ordered(
 
 
 def _codes(count: int, seed: int) -> list[str]:
-    """Return distinct three-character codes."""
+    """Return distinct random codes of three characters."""
     letters = len(CODE_LETTERS)
     drawn = _stream(seed, "codes").choice(letters**3, size=count, replace=False)
     return ["".join(CODE_LETTERS[int(n) // letters**k % letters] for k in range(3)) for n in drawn]
@@ -272,7 +277,7 @@ _PLAN = TypeAdapter(RealPlan)
 
 
 def plan_bytes(plan: RealPlan) -> bytes:
-    """Return the content of a plan file."""
+    """Return the content of the plan file."""
     return (json.dumps(sealed_form(asdict(plan)), indent=1, sort_keys=True) + "\n").encode()
 
 
@@ -280,12 +285,14 @@ def write_plan(folder: Path, plan: RealPlan) -> Path:
     """Write the plan file of a new protocol, and return its path.
 
     Raises:
-        InvalidInputError: If the folder has another plan.
+        InvalidInputError: If the folder contains a different plan.
     """
     path = folder / PLAN_NAME
     data = plan_bytes(plan)
     if path.exists() and path.read_bytes() != data:
-        raise InvalidInputError(str(path), "is another plan", "A plan cannot be changed: choose another folder")
+        raise InvalidInputError(
+            str(path), "contains a different plan, and a plan cannot be changed", "Choose another folder"
+        )
     write_durably(path, data)
     return path
 

@@ -1,11 +1,11 @@
-"""Folder of a protocol on a real arm.
+"""Folder of a protocol on a real arm, and the classes that read and write it.
 
 ::
 
     RUN/
-      plan.json             frozen plan, with a seal
-      journal.jsonl one line per trial event: begun, ended, aborted, repeated; the only source for resuming
-      trials/CODE/ the valid attempt of a finished trial
+      plan.json             immutable plan, with a seal
+      journal.jsonl         one line per trial event: begun, ended, aborted, repeated; the only source for resuming
+      trials/CODE/          the valid attempt of a finished trial
         samples.parquet     one row per control step (:class:`Samples`)
         CAMERA.mp4          H.264 at the rate of the plan, one frame per control step
         trial.json          :class:`TrialHeader`, with the digests of the other files and a seal; written last
@@ -13,7 +13,7 @@
       entries.jsonl         outcomes entered by people: one line per entry or undo
 
 The lines of both journals are linked by hashes (:mod:`betterbench.jobs.line_journal`). An attempt that began but
-neither ended nor was aborted was interrupted; :meth:`RealJournal.settle` marks it as aborted at the next start.
+neither ended nor was aborted was interrupted. :meth:`RealJournal.settle` marks it as aborted at the next start.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ SAMPLE_COLUMNS = {
     "late": ("boolean", 0),
     "limited": ("boolean", 0),
 }
-"""Columns of the samples, with their widths."""
+"""Columns of the samples: the type of each column, and the number of values per row (0 for a single value)."""
 
 _CURE = "Restore the folder from a copy, or repeat the trial (better real run --repeat)"
 _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
 Ending = Literal["time_limit", "operator", "policy_ended"]
-"""Reason for the end of a trial: the time limit, the operator, or the policy."""
+"""What ended a trial: the time limit, the operator, or the policy."""
 
 
 # ------------------------------------------------------------------------------------------------------------ samples
@@ -77,12 +77,13 @@ class Samples:
 
     Attributes:
         time_s: (T,) time since the start of the trial [s].
-        state: (T, 6) measured positions, read before the command.
+        state: (T, 6) measured positions, read before the command was sent.
         command: (T, 6) commanded positions, with the safety limits applied.
-        asked: (T, 6) positions requested by the policy; NaN if it did not answer in time and the arm held its position.
-        load: (T, 6) load of each motor as a fraction of its maximum, signed; NaN if the robot does not report it.
-        late: (T,) whether a camera frame was older than a control step allows.
-        limited: (T,) whether the limits changed the command.
+        asked: (T, 6) positions requested by the policy; NaN if the policy did not answer in time and the arm held its
+            position.
+        load: (T, 6) signed load of each motor as a fraction of its maximum; NaN if the robot does not report it.
+        late: (T,) whether any camera frame was older than one control step.
+        limited: (T,) whether the safety limits changed the command.
     """
 
     time_s: np.ndarray
@@ -103,19 +104,19 @@ class Samples:
         return np.asarray(np.isnan(self.asked).any(axis=1))
 
     def to_bytes(self) -> bytes:
-        """Return the content of the Parquet file."""
+        """Return the content of the Parquet file with the samples."""
         return array_bytes(SAMPLE_COLUMNS, {name: getattr(self, name) for name in SAMPLE_COLUMNS})
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read the samples from a file.
+        """Read the samples of a trial from a Parquet file.
 
         Raises:
             RecordError: If the file is damaged, the time does not increase, or a state or command is not finite.
         """
         samples = cls(**read_arrays(path, SAMPLE_COLUMNS, cure=_CURE))
         if len(samples) and not (np.isfinite(samples.time_s).all() and (np.diff(samples.time_s) > 0.0).all()):
-            raise RecordError(f"{path}: column 'time_s' does not increase. {_CURE}.")
+            raise RecordError(f"{path}: the values of column 'time_s' do not increase. {_CURE}.")
         for name in ("state", "command"):
             if not np.isfinite(getattr(samples, name)).all():
                 raise RecordError(f"{path}: column {name!r} contains a non-finite value. {_CURE}.")
@@ -125,11 +126,13 @@ class Samples:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Film:
-    """Metadata of a camera's film: image size [pixel] and numbers of frames.
+    """Metadata of a camera's film.
 
     Attributes:
+        width: Width of the images [pixels].
+        height: Height of the images [pixels].
         frames: Number of frames in the film, one per control step.
-        late: Number of frames that were older than a control step allows.
+        late: Number of frames that were older than one control step.
         dropped: Number of control steps without a new frame, for which the film repeats the last frame.
     """
 
@@ -143,20 +146,21 @@ class Film:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialHeader:
-    """Header of one attempt, written after its other files.
+    """Header of one attempt at a trial, which is written after the other files of the attempt.
 
     Attributes:
-        attempt: Number of the attempt, from 1.
+        attempt: Number of the attempt, counted from 1.
         robot: Name of the robot ("so101_follower", "mock").
         begun: Time of the first control step.
-        ending: Reason for the end; None if the attempt was aborted.
-        steps: Number of control steps and of sample rows.
+        ending: What ended the trial; None if the attempt was aborted.
+        steps: Number of control steps, and of rows in the samples.
         late_steps: Number of steps that began more than half a period late.
         held_steps: Number of steps without an answer from the policy.
-        limited_steps: Number of steps in which the limits changed the command.
-        films: Films by camera.
+        limited_steps: Number of steps in which the safety limits changed the command.
+        films: Metadata of the films by camera.
         files: SHA-256 of each other file by name.
-        agreement: Measured agreement between scene and twin at the start, 0 to 1; None if it was not measured.
+        agreement: Measured agreement between the scene and its simulated twin at the start, 0 to 1; None if it was not
+            measured.
         overridden: True if the operator started the trial although the scene did not match the twin.
     """
 
@@ -187,7 +191,7 @@ _HEADER = TypeAdapter(TrialHeader)
 
 
 def read_header(folder: Path) -> TrialHeader:
-    """Read the header of an attempt's folder; raise RecordError if it is missing, damaged or changed."""
+    """Read the header in the folder of an attempt. Raise RecordError if it is missing, damaged or changed."""
     path = folder / HEADER_NAME
     if not path.exists():
         raise RecordError(f"{path}: not found, so the attempt is incomplete. {_CURE}.")
@@ -197,7 +201,10 @@ def read_header(folder: Path) -> TrialHeader:
 
 
 def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Mapping[str, bytes]) -> TrialHeader:
-    """Write the files of an attempt, with the header last, and return the header with the file digests."""
+    """Write the files of an attempt, the header last.
+
+    Return the header, to which the digests of the files are added.
+    """
     files = {SAMPLES_NAME: samples.to_bytes(), **{f"{camera}.mp4": data for camera, data in films.items()}}
     for name, data in files.items():
         write_durably(folder / name, data)
@@ -213,17 +220,18 @@ def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Ma
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of the journal.
+    """One line of the journal of a protocol.
 
     Attributes:
         event: "begun", "ended", "aborted" (the attempt does not count, and the trial will be repeated) or "repeated" (a
             person discards a finished attempt).
         code: Code of the trial.
-        attempt: Number of the attempt, from 1.
-        reason: Reason for the end; a sentence for "aborted" and "repeated".
-        person: Operator who started or discarded the attempt; otherwise an empty string.
-        record: SHA-256 of the attempt's ``trial.json``, for "ended".
-        plan: SHA-256 of ``plan.json``, for "begun"; None in journals of earlier versions.
+        attempt: Number of the attempt, counted from 1.
+        time: Time of the event.
+        reason: What ended the attempt; for "aborted" and "repeated", a sentence with the reason.
+        person: Operator who started or discarded the attempt; empty for other events.
+        record: SHA-256 of the attempt's ``trial.json``; only for "ended".
+        plan: SHA-256 of ``plan.json``; only for "begun". None in journals of earlier versions.
     """
 
     event: Literal["begun", "ended", "aborted", "repeated"]
@@ -239,12 +247,19 @@ class Event:
 _EVENT = TypeAdapter(Event)
 
 TrialState = Literal["open", "running", "done"]
-"""State of a trial: not run yet, running, or finished."""
+"""State of a trial: open (not run yet), running, or done (finished)."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrialProgress:
-    """Progress of a trial: its state, the number of its last attempt (0 for none), and the digest of its header."""
+    """Progress of a trial.
+
+    Attributes:
+        state: State of the trial.
+        attempt: Number of the last attempt; 0 if there was none.
+        record: SHA-256 of the header of the finished attempt.
+        ending: What ended the finished attempt.
+    """
 
     state: TrialState = "open"
     attempt: int = 0
@@ -252,7 +267,7 @@ class TrialProgress:
     ending: str = ""
 
     def after(self, event: Event, where: str) -> TrialProgress:
-        """Return the progress after another event; raise RecordError if the event is not possible in this state."""
+        """Return the progress after an event. Raise RecordError if the event is not possible in the current state."""
         begins = event.event == "begun"
         expected: TrialState = {"begun": "open", "repeated": "done"}.get(event.event, "running")  # type: ignore[assignment]
         if self.state != expected or event.attempt != self.attempt + begins:
@@ -264,7 +279,7 @@ class TrialProgress:
 
 
 def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
-    """Return the events in a journal's lines, and the last hash link."""
+    """Parse the lines of a journal. Return its events, and the hash that links the next line to the last one."""
     found, link = [], ""
     for number, (form, after) in enumerate(linked_forms(path, lines, cure=_JOURNAL_CURE), start=1):
         where = f"{path}: line {number}"
@@ -274,7 +289,7 @@ def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
 
 
 def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, TrialProgress]:
-    """Return the progress of every planned trial."""
+    """Return the progress of every planned trial, as it results from the events in a journal."""
     states = {trial.code: TrialProgress() for trial in plan.trials}
     here = file_digest(path.parent / PLAN_NAME)
     for number, event in enumerate(events, start=1):
@@ -289,15 +304,16 @@ def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, Tria
 
 
 def _recorded(folder: Path, plan: RealPlan) -> set[str]:
-    """Return the codes of all trials whose folder contains a header."""
+    """Return the codes of all trials whose folder contains a header file."""
     return {trial.code for trial in plan.trials if (folder / "trials" / trial.code / HEADER_NAME).exists()}
 
 
 def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
-    """Raise RecordError if the journal has lost lines, so that it does not list a trial whose record exists.
+    """Raise RecordError if a recorded trial is missing from the journal, because the journal has then lost lines.
 
     Without this check, the trial would be repeated and its record moved away. An attempt is listed in the journal
-    before its folder is created. ``recorded`` are the codes that had a header before the journal was read.
+    before its folder is created. ``recorded`` has the codes of the trials that had a header before the journal was
+    read.
     """
     for code in recorded:
         place = folder / "trials" / code
@@ -314,10 +330,10 @@ def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialP
 
 
 class RealJournal(LineJournal):
-    """Protocol journal, open for appending. Opening it locks the folder for this process.
+    """Journal of a protocol, open for appending. While it is open, the folder is locked for this process.
 
     Raises:
-        RunConflictError: If another process runs the protocol.
+        RunConflictError: If another process is running the protocol.
         RecordError: If a line is damaged or does not match the plan, or the line about a recorded trial is missing.
     """
 
@@ -333,12 +349,12 @@ class RealJournal(LineJournal):
         _require_lines(self.folder, _recorded(self.folder, self.plan), self._states)
 
     def state(self, code: str) -> TrialProgress:
-        """Return the state of a trial."""
+        """Return the progress of a trial."""
         return self._states[code]
 
     @property
     def next_trial(self) -> PlannedTrial | None:
-        """The first unfinished trial of the plan, or None."""
+        """First unfinished trial of the plan, or None if all trials are finished."""
         return next((t for t in self.plan.trials if self._states[t.code].state != "done"), None)
 
     def _append(self, event: Event) -> None:
@@ -350,9 +366,9 @@ class RealJournal(LineJournal):
         self._link, self._states[event.code] = link, after
 
     def begin(self, code: str, person: str = "") -> Path:
-        """Record the start of a trial's next attempt, and return an empty folder for its files.
+        """Record the start of the next attempt at a trial, and return an empty folder for the files of the attempt.
 
-        Raises StorageError if the folder cannot be created.
+        Raise StorageError if the folder cannot be created.
         """
         self._put_away(code)  # files of an attempt that the journal does not list
         plan = file_digest(self.folder / PLAN_NAME)
@@ -363,12 +379,12 @@ class RealJournal(LineJournal):
         return folder
 
     def end(self, code: str, ending: Ending) -> None:
-        """Record the end of the running attempt. Its files must already be written."""
+        """Record the end of the running attempt. The files of the attempt must already be written."""
         record = file_digest(self.attempt_folder(code) / HEADER_NAME)
         self._append(Event("ended", code, self._states[code].attempt, now(), ending, record=record))
 
     def abort(self, code: str, reason: str) -> None:
-        """Record that the running attempt was aborted, and move its files to ``aborted``."""
+        """Record that the running attempt was aborted, and move its files to the folder ``aborted``."""
         self._append(Event("aborted", code, self._states[code].attempt, now(), reason[:500]))
         self._put_away(code)
 
@@ -381,12 +397,12 @@ class RealJournal(LineJournal):
         if self._states[code].state != "done":
             raise InvalidInputError("repeat", f"{code} is not finished", "Choose a finished trial")
         if not reason.strip():
-            raise InvalidInputError("repeat", f"{code} needs a reason", "Give the reason why its record is invalid")
+            raise InvalidInputError("repeat", f"{code} needs a reason", "State why the record of the trial is invalid")
         self._append(Event("repeated", code, self._states[code].attempt, now(), reason[:500], person))
         self._put_away(code)
 
     def settle(self) -> list[str]:
-        """Mark interrupted attempts as aborted, and return their codes."""
+        """Mark interrupted attempts as aborted, and return the codes of their trials."""
         cut = [code for code, progress in self._states.items() if progress.state == "running"]
         for code in cut:
             self.abort(code, "the program ended before the trial did")
@@ -396,7 +412,7 @@ class RealJournal(LineJournal):
         return cut
 
     def attempt_folder(self, code: str) -> Path:
-        """Return the folder of a trial's valid or current attempt."""
+        """Return the folder with the files of a trial's valid or current attempt."""
         return self.folder / "trials" / code
 
     def _put_away(self, code: str) -> None:
@@ -419,14 +435,19 @@ class RealJournal(LineJournal):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Outcome entered by a person: its name (:mod:`betterbench.real.outcomes`), and a note."""
+    """Outcome that a person entered for a trial.
+
+    Attributes:
+        outcome: Name of the outcome (:mod:`betterbench.real.outcomes`).
+        note: Note of the person.
+    """
 
     outcome: Annotated[str, Field(max_length=40)]
     note: Annotated[str, Field(max_length=500)] = ""
     kind: Literal["seen"] = "seen"
 
     def __post_init__(self) -> None:
-        """Check that the outcome exists, and that "other" has a note."""
+        """Check that the outcome exists, and that the outcome "other" has a note."""
         try:
             outcome_named(self.outcome)
         except UnknownNameError as problem:  # the reader of the form adds file and line
@@ -436,20 +457,21 @@ class Seen:
 
 
 Role = Literal["operator", "judge"]
-"""Role of a rater: the operator at the arm, or a judge who sees only the film."""
+"""Role of a person who enters outcomes: the operator at the arm, or a judge who sees only the film."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of ``entries.jsonl``.
+    """One line of ``entries.jsonl``: the entry of one person about one attempt.
 
     Attributes:
         code: Code of the trial.
-        attempt: Number of the rated attempt.
+        attempt: Number of the attempt.
         author: Name of the person.
+        role: Role of the person.
         time: Time of the entry.
-        decision: The entered outcome, or the undo of the same person's earlier entry on the same attempt.
+        decision: Outcome that was entered, or the undo of the same person's earlier entry about the same attempt.
     """
 
     code: Annotated[str, Field(max_length=10)]
@@ -461,13 +483,16 @@ class Entry:
 
     @property
     def content(self) -> str:
-        """Hash of trial, attempt, person and role; entries with the same hash replace one another."""
+        """Hash of the trial, the attempt, the person and the role.
+
+        A later entry with the same hash replaces an earlier one.
+        """
         subject = [self.code, self.attempt, self.author, self.role]
         return content_digest("betterbench real entry", dump_json(subject))
 
     @property
     def subject(self) -> str:
-        """Displayed name of the rated trial."""
+        """Text that names the trial, the person and the role."""
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
@@ -480,12 +505,12 @@ _ENTRY = TypeAdapter(Entry)
 
 
 class EntryJournal(DecisionJournal[Entry]):
-    """Entries file, open for appending by one process."""
+    """File with the entries of people, open for appending by one process."""
 
     adapter = _ENTRY
 
     def last(self, code: str, attempt: int, author: str, role: Role) -> tuple[int, Entry] | None:
-        """Return a person's current entry on an attempt with its line number, or None."""
+        """Return a person's current entry about an attempt, with its line number. Return None if there is no entry."""
         key = Entry(code, attempt, author, role, now(), Seen("done"))
         return self.history(key.content).last
 
@@ -493,9 +518,9 @@ class EntryJournal(DecisionJournal[Entry]):
 def enter(
     folder: Path, code: str, attempt: int, *, author: str, role: Role, outcome: str | None, note: str = ""
 ) -> None:
-    """Append a person's outcome for an attempt; the outcome None undoes the person's last entry.
+    """Append the outcome that a person enters for an attempt. If the outcome is None, undo the person's last entry.
 
-    The file is open only during the call, so that operator and judges can work in separate processes.
+    The file is open only during the call, so that the operator and judges can work in separate processes.
 
     Raises:
         UnknownNameError: If the outcome does not exist.
@@ -506,7 +531,7 @@ def enter(
         if outcome is None:
             last = journal.last(code, attempt, author, role)
             if last is None:
-                raise InvalidInputError("undo", f"{author} has no entry on {code}", "Enter an outcome first")
+                raise InvalidInputError("undo", f"{author} has no entry about {code}", "Enter an outcome first")
             decision: Seen | Undo = Undo(last[0])
         else:
             outcome_named(outcome)
@@ -521,13 +546,14 @@ def enter(
 
 @dataclass(frozen=True, slots=True)
 class RealTrial:
-    """Finished trial.
+    """Finished trial of a protocol.
 
     Attributes:
-        planned: Its line of the plan.
-        header: Its header.
-        folder: Its folder.
-        entries: Current entries on this attempt, the last one per person and role, in file order.
+        planned: Entry of the trial in the plan.
+        header: Header of the valid attempt.
+        folder: Folder of the trial.
+        entries: Current entries about the valid attempt, the last one of each person and role, in the order of the
+            file.
     """
 
     planned: PlannedTrial
@@ -541,7 +567,7 @@ class RealTrial:
         return self.planned.code
 
     def samples(self) -> Samples:
-        """Return the samples; raise RecordError if the file is missing, changed or damaged."""
+        """Read the samples of the trial. Raise RecordError if the file is missing, changed or damaged."""
         samples = Samples.read(self._checked(SAMPLES_NAME))
         if len(samples) != self.header.steps:
             problem = f"has {len(samples)} rows, but {HEADER_NAME} names {self.header.steps}"
@@ -549,23 +575,26 @@ class RealTrial:
         return samples
 
     def check(self) -> None:
-        """Raise RecordError if a file in the header is missing or changed, or the header does not list the samples."""
+        """Raise RecordError if a file listed in the header is missing or changed, or if the samples are not listed."""
         for name in dict.fromkeys((SAMPLES_NAME, *self.header.files)):
             self._checked(name)
 
     def film(self, camera: str) -> Path:
-        """Return a camera's film after checking its digest; raise RecordError if it is missing or changed."""
+        """Return the path of a camera's film after checking its digest.
+
+        Raise RecordError if the film is missing or was changed.
+        """
         return self._checked(f"{camera}.mp4")
 
     def seen_by(self, role: Role) -> tuple[Entry, ...]:
-        """Return the current entries of a role."""
+        """Return the current entries of people with a role."""
         return tuple(entry for entry in self.entries if entry.role == role)
 
     def _checked(self, name: str) -> Path:
         path = self.folder / name
         told = self.header.files.get(name)
         if told is None:
-            raise RecordError(f"{path}: is not named in {HEADER_NAME}. {_CURE}.")
+            raise RecordError(f"{path}: is not listed in {HEADER_NAME}. {_CURE}.")
         if not path.is_file():
             raise RecordError(f"{path}: not found. {_CURE}.")
         if file_digest(path) != told:
@@ -575,12 +604,12 @@ class RealTrial:
 
 @dataclass(frozen=True, slots=True)
 class DamagedTrial:
-    """Finished trial whose files are missing, damaged or different from the recorded ones.
+    """Finished trial whose files are missing, damaged or different from the recorded files.
 
     Attributes:
-        planned: Its line of the plan.
-        attempt: Number of the attempt, from 1.
-        folder: Its folder.
+        planned: Entry of the trial in the plan.
+        attempt: Number of the attempt, counted from 1.
+        folder: Folder of the trial.
         problem: Description of the damage, with the file and a remedy.
     """
 
@@ -597,13 +626,15 @@ class DamagedTrial:
 
 @dataclass(frozen=True, slots=True)
 class RealRun:
-    """Protocol with the trials that have been run so far.
+    """Content of a protocol folder: the plan, and the trials that have been run so far.
 
     Attributes:
+        folder: Folder of the protocol.
+        plan: Plan of the protocol.
         events: Lines of the journal.
-        states: State of each trial by code.
-        trials: Finished trials with the recorded header, in plan order.
-        damaged: All other finished trials, in plan order.
+        states: Progress of each trial by code.
+        trials: Finished trials with an intact header, in the order of the plan.
+        damaged: All other finished trials, in the order of the plan.
         operators: Names of all operators, including those of invalid attempts and undone entries.
         judges: Names of all people who entered an outcome as a judge.
     """
@@ -619,11 +650,16 @@ class RealRun:
 
     @property
     def aborted(self) -> tuple[Event, ...]:
-        """Invalid attempts: aborted, or discarded by a person."""
+        """Events about attempts that do not count, because they were aborted or discarded by a person."""
         return tuple(event for event in self.events if event.event in ("aborted", "repeated"))
 
     def trial(self, code: str) -> RealTrial:
-        """Return a finished trial; raise InvalidInputError if it is not finished, and RecordError if it is damaged."""
+        """Return a finished trial.
+
+        Raises:
+            InvalidInputError: If the trial is not finished.
+            RecordError: If the trial is damaged.
+        """
         for trial in self.trials:
             if trial.code == code:
                 return trial
@@ -635,13 +671,14 @@ class RealRun:
 
 
 def read_run(folder: Path) -> RealRun:
-    """Read a protocol. Samples and films are read on demand.
+    """Read the folder of a protocol. Samples and films are read only when they are needed.
 
-    A trial whose header is missing, damaged or changed is in :attr:`RealRun.damaged`, so that one bad file does not
-    hide the other trials. Damage to the plan, the journal or the entries affects all trials and is an error.
+    A trial whose header is missing, damaged or changed is listed in :attr:`RealRun.damaged`, so that one bad file does
+    not hide the other trials. Damage to the plan, the journal or the entries affects all trials and is an error.
 
     Raises:
-        RecordError: If the plan, the journal or the entries are missing, damaged or changed; the message names it.
+        RecordError: If the plan, the journal or the entries are missing, damaged or changed. The message names the
+            file.
     """
     plan = read_plan(folder)
     path = folder / JOURNAL_NAME
@@ -678,7 +715,7 @@ def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
     Raises:
         InvalidInputError: If a trial is unfinished or undamaged. An undamaged trial must not be repeated because of its
             result.
-        RunConflictError: If another process runs the protocol.
+        RunConflictError: If another process is running the protocol.
         RecordError: If the plan, the journal or the entries are damaged.
     """
     with RealJournal(folder) as journal:
@@ -692,7 +729,7 @@ def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
 
 
 def _damage(run: RealRun, code: str) -> str:
-    """Return a description of the damage to a trial's files, or an empty string."""
+    """Return a description of the damage to a trial's files; empty if there is none."""
     try:
         trial = run.trial(code)
         trial.check()
@@ -703,10 +740,10 @@ def _damage(run: RealRun, code: str) -> str:
 
 
 def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -> TrialHeader:
-    """Read the header of a finished trial; raise RecordError if it differs from the one listed in the journal."""
+    """Read the header of a finished trial. Raise RecordError if it is not the header that the journal lists."""
     header = read_header(place)
     if file_digest(place / HEADER_NAME) != progress.record:
-        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} names. {_CURE}.")
+        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} lists. {_CURE}.")
     if (header.code, header.attempt) != (code, progress.attempt):
         problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
         raise RecordError(f"{place / HEADER_NAME}: {problem} {code}. {_CURE}.")
@@ -714,7 +751,7 @@ def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -
 
 
 def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ...]:
-    """Read all lines of an entries file; raise RecordError for an entry on an attempt that never began."""
+    """Read all lines of an entries file. Raise RecordError for an entry about an attempt that was never started."""
     entries = read_decisions(_ENTRY, path) if path.exists() else ()
     for number, entry in enumerate(entries, start=1):
         known = states.get(entry.code)
@@ -728,6 +765,9 @@ def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ..
 
 
 def _standing(entries: Sequence[Entry], path: Path) -> list[Entry]:
-    """Return the last entry per person, role and attempt, without undone entries, in file order."""
+    """Return the last entry of each person, role and attempt, in the order of the file.
+
+    Entries that were undone are left out.
+    """
     lasts = [history.last for history in histories(entries, str(path)).values()]
     return [last[1] for last in sorted((last for last in lasts if last is not None), key=lambda last: last[0])]

@@ -15,7 +15,7 @@ from betterbench.report.tables.matrices import Cell
 
 
 def write_real_page(results: RealResults, path: Path) -> Path:
-    """Write the page and return its path."""
+    """Write the results page of a protocol, and return its path."""
     run = results.run
     page = (
         environment()
@@ -39,14 +39,14 @@ def write_real_page(results: RealResults, path: Path) -> Path:
 
 
 def _tone(cell: Cell) -> str:
-    """Return the color class of a cell, which says whether it has mostly successes, mostly failures, or neither."""
+    """Return the color class of a matrix cell, which shows whether all, some or none of the trials succeeded."""
     if cell.success.k == cell.success.n:
         return "good"
     return "poor" if cell.success.k == 0 else "mixed"
 
 
 def _film(folder: Path, cameras: list[str], page: Path) -> str:
-    """Return the path of a trial's first film relative to the page, or an empty string."""
+    """Return the path of a trial's first film relative to the page; empty if there is no film."""
     if not cameras:
         return ""
     return quote(Path(os.path.relpath(folder / f"{cameras[0]}.mp4", page)).as_posix())

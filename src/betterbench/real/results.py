@@ -1,8 +1,9 @@
-"""Results of a protocol on a real arm: labels, both matrices per policy, rater agreement, and trial-order checks.
+"""Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the order.
 
 The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
-counted separately for each cell. A trial whose files differ from the recorded ones is damaged: it is listed as unscored
-and excluded from all other numbers. If runs of the twin are given, each cell is compared with the simulated one.
+counted separately for each cell. A trial is damaged if its files differ from the recorded ones. It is then listed as
+unscored and excluded from all other numbers. If runs on the simulated twin are given, each cell is compared with the
+same cell in simulation.
 """
 
 from __future__ import annotations
@@ -39,11 +40,12 @@ class JudgedTrial:
     """Finished trial with its label.
 
     Attributes:
-        trial: The record.
-        label: Label and evidence.
+        trial: Record of the trial.
+        label: Label of the trial, with its evidence.
         signals: Joint signals, or None if there are too few samples.
         judged: Combined entries of the judges.
-        ambiguous: Whether the premise of the condition is broken, so that no behavior counts as a failure.
+        ambiguous: Whether the scene of the condition contradicts its instruction, so that no behavior is considered a
+            failure.
     """
 
     trial: RealTrial
@@ -54,11 +56,11 @@ class JudgedTrial:
 
     @property
     def counted(self) -> bool:
-        """Whether the trial is counted in the rates."""
+        """Whether the trial is included in the success rates."""
         return self.label.label is not None and not self.ambiguous
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the trial as a JSON-serializable dict."""
         planned, header, signals = self.trial.planned, self.trial.header, self.signals
         form: dict[str, Any] = {
             **asdict(planned),
@@ -88,16 +90,16 @@ class JudgedTrial:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of planned trials by result; the first five add up to all planned trials.
+    """Numbers of planned trials of a policy, by result. The first five numbers add up to all planned trials.
 
     Attributes:
-        right: Trials with a correct outcome.
-        failed: Failed trials.
-        ambiguous: Labelled trials of conditions with a broken premise.
-        unscored: Finished trials without a label, including damaged ones.
-        open: Unfinished trials.
-        contradictions: Unscored trials whose entries contradict the joint states.
-        damaged: Unscored trials whose files are missing, damaged or not the recorded ones.
+        right: Number of trials with a correct outcome.
+        failed: Number of failed trials.
+        ambiguous: Number of labeled trials of conditions whose scene contradicts the instruction.
+        unscored: Number of finished trials without a label, including damaged trials.
+        open: Number of unfinished trials.
+        contradictions: Number of unscored trials in which the judges' entries contradict the joint states.
+        damaged: Number of unscored trials whose files are missing, damaged or different from the recorded files.
     """
 
     right: int
@@ -110,7 +112,13 @@ class Counts:
 
     @classmethod
     def of(cls, trials: Sequence[JudgedTrial], damaged: int, planned: int) -> Counts:
-        """Return the counts of a policy."""
+        """Count the planned trials of a policy by their result.
+
+        Args:
+            trials: Finished trials with their labels.
+            damaged: Number of damaged trials.
+            planned: Number of planned trials.
+        """
         right = sum(t.counted and t.label.label is not None and t.label.label.kind is Kind.NONE for t in trials)
         counted = sum(t.counted for t in trials)
         unscored = sum(t.label.label is None for t in trials)
@@ -127,15 +135,15 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """Late frames and late steps in a policy's trials.
+    """How often control steps and camera frames were late in the trials of a policy.
 
     Attributes:
-        steps: Control steps.
-        late: Steps that began late, as a rate of all steps.
-        held: Steps without an answer from the policy.
-        limited: Steps whose command the limits changed.
-        frames: Late frames by camera, as rates of all frames.
-        dropped: Control steps without a new frame by camera.
+        steps: Number of control steps.
+        late: Rate of steps that began late.
+        held: Rate of steps without an answer from the policy.
+        limited: Rate of steps in which the safety limits changed the command.
+        frames: Rate of late frames, by camera.
+        dropped: Rate of control steps without a new frame, by camera.
     """
 
     steps: int
@@ -147,7 +155,7 @@ class Lateness:
 
     @classmethod
     def of(cls, trials: Sequence[RealTrial]) -> Lateness:
-        """Sum over trials."""
+        """Compute the rates over all steps and frames of some trials."""
         headers = [trial.header for trial in trials]
         steps = sum(h.steps for h in headers)
         cameras = sorted({camera for h in headers for camera in h.films})
@@ -167,9 +175,14 @@ class PolicyResult:
     """Results of one policy on the task.
 
     Attributes:
+        policy: Policy with its name and address.
+        task: Name of the task.
+        trials: Finished trials of the policy, without damaged trials.
         damaged: Finished but damaged trials of the policy.
-        diagnosis: Labelled trials in the form of a simulated diagnosis.
-        matrices: The short-horizon and the long-horizon matrix.
+        counts: Numbers of planned trials by result.
+        lateness: Rates of late steps and frames.
+        diagnosis: Labeled trials in the form of a simulated diagnosis.
+        matrices: Short-horizon and long-horizon diagnostic matrix.
         unscored: Number of unscored trials by matrix name, row and column.
     """
 
@@ -185,7 +198,7 @@ class PolicyResult:
 
     @property
     def labels(self) -> tuple[tuple[str, int], ...]:
-        """Labels with their counts, most frequent first; ambiguous trials are left out."""
+        """Labels with the number of trials that have each, most frequent first. Ambiguous trials are left out."""
         counts = Counter(t.label.name for t in self.trials if not t.ambiguous)
         counts.update(UNSCORED for t in self.damaged if not _is_ambiguous(t.planned, self.task))
         return tuple(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
@@ -193,14 +206,14 @@ class PolicyResult:
 
 @dataclass(frozen=True, slots=True)
 class OrderCheck:
-    """Check of the order in which trials were run, from the times in the journal.
+    """Check of the order in which trials were run, according to the journal.
 
     Attributes:
-        follows_plan: Whether the finished trials were started in plan order.
-        longest_run: Largest number of consecutive trials of one policy.
-        expected_run: The same number in the plan.
-        middle: Mean position of each policy's trials, from 0 (first) to 1 (last).
-        discarded: Attempts that were aborted or repeated, by policy.
+        follows_plan: Whether the finished trials were started in the order of the plan.
+        longest_run: Largest number of consecutive trials of the same policy.
+        expected_run: Largest number of consecutive trials of the same policy in the plan.
+        middle: Mean position of each policy's trials in the order, from 0 (first) to 1 (last).
+        discarded: Number of attempts that were aborted or repeated, by policy.
     """
 
     follows_plan: bool
@@ -211,7 +224,7 @@ class OrderCheck:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Results of the check, one sentence each."""
+        """Sentences that describe the result of the check."""
         found: list[str] = []
         if not self.longest_run:
             pass  # no trial is finished
@@ -239,16 +252,20 @@ class OrderCheck:
 
 @dataclass(frozen=True, slots=True)
 class CellComparison:
-    """One cell of the real matrix, compared with the same cell in simulation.
+    """One cell of a diagnostic matrix on the real arm, compared with the same cell in simulation.
 
     Attributes:
         matrix: Name of the matrix.
+        row: Row of the cell.
+        column: Column of the cell.
+        conditions: Conditions that belong to the cell.
         real: Success rate on the real arm.
-        simulated: Success rate of the twin.
-        difference: Real minus simulated rate, with its interval; None in an ambiguous cell.
-        real_labels: Labels of the real trials with counts, as text.
-        simulated_labels: The same for the simulated trials.
-        same_label: Share of real trials with the twin's most frequent label; None without twin trials.
+        simulated: Success rate in simulation.
+        difference: Real minus simulated success rate, with its interval; None in an ambiguous cell.
+        real_labels: Text with the labels of the real trials and their counts.
+        simulated_labels: Text with the labels of the simulated trials and their counts.
+        same_label: Fraction of the real trials that have the most frequent label of the simulated trials; None if there
+            are no such trials.
     """
 
     matrix: str
@@ -264,30 +281,35 @@ class CellComparison:
 
     @property
     def comparable(self) -> bool:
-        """Whether both sides have counted trials."""
+        """Whether both the real arm and the simulation have counted trials in the cell."""
         return self.difference is not None and bool(self.real.n and self.simulated.n)
 
     @property
     def agrees(self) -> bool | None:
-        """Whether both succeed in more than half of the trials, or neither does; None if not comparable."""
+        """Whether the policy mostly succeeds both on the real arm and in simulation, or in neither.
+
+        "Mostly" means in more than half of the trials. The value is None if the cell is not comparable.
+        """
         return (2 * self.real.k > self.real.n) is (2 * self.simulated.k > self.simulated.n) if self.comparable else None
 
     @property
     def differs(self) -> bool:
-        """Whether the interval of the difference excludes zero."""
+        """Whether the interval of the difference in success excludes zero."""
         return self.comparable and self.difference is not None and self.difference.excludes_zero
 
 
 @dataclass(frozen=True, slots=True)
 class TwinComparison:
-    """Comparison of a policy's matrices on the real arm with those of a simulated run.
+    """Comparison of a policy's matrices on the real arm with its matrices in simulation.
 
     Attributes:
+        policy: Name of the policy.
         run: Folder of the simulated run.
-        cells: Cells with trials on at least one side.
-        same_side: Share of cells in which both sides mostly succeed, or both do not.
-        table: The same as a two-by-two table; rows are the real arm.
-        same_label: Share of real trials with the most frequent label of the twin's cell.
+        cells: Cells that have trials on the real arm or in simulation.
+        same_side: Fraction of cells in which the policy mostly succeeds both on the real arm and in simulation, or in
+            neither.
+        table: Two-by-two table of cells in which the policy mostly succeeds or not. The rows are the real arm.
+        same_label: Fraction of real trials that have the most frequent label of the simulated trials in the cell.
     """
 
     policy: str
@@ -299,7 +321,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """One sentence on how well the twin predicts the real arm."""
+        """Text that states how well the simulated twin predicts the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
@@ -320,7 +342,12 @@ class RealResults:
     """Results of a protocol.
 
     Attributes:
-        run: The protocol; its ``damaged`` also includes trials with damage in files other than the header.
+        run: Content of the protocol folder. Its ``damaged`` also includes trials with damage in files other than the
+            header.
+        policies: Results of each policy.
+        agreements: Agreement of each pair of raters.
+        order: Check of the order in which trials were run.
+        twins: Comparisons with simulated runs.
     """
 
     run: RealRun
@@ -331,7 +358,7 @@ class RealResults:
 
     @property
     def trials(self) -> tuple[JudgedTrial, ...]:
-        """All finished, undamaged trials in plan order."""
+        """All finished trials that are not damaged, in the order of the plan."""
         place = {trial.code: k for k, trial in enumerate(self.run.plan.trials)}
         return tuple(sorted((t for p in self.policies for t in p.trials), key=lambda t: place[t.trial.code]))
 
@@ -371,15 +398,15 @@ class RealResults:
 
 
 def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
-    """Return the results of a protocol, and the comparison with simulated runs of the twin.
+    """Return the results of a protocol, including comparisons with runs on the simulated twin.
 
-    A twin run is compared with the policy that has the same address. If there is only one run and one policy, they are
-    compared in any case.
+    Each simulated run is compared with the policy that has the same address. If the protocol has only one policy, every
+    run is compared with this policy.
 
     Raises:
-        RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial with such files is
-            named in ``run.damaged`` instead.
-        InvalidInputError: If a run of the twin belongs to no policy, or has another task.
+        RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial whose own files
+            are damaged is listed in ``run.damaged`` instead.
+        InvalidInputError: If a simulated run belongs to no policy of the protocol, or has a different task.
     """
     run, judged = _judged_run(read_run(folder))
     policies = tuple(_policy_result(run, policy, judged) for policy in run.plan.policies)
@@ -388,7 +415,10 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
 
 
 def _judged_run(run: RealRun) -> tuple[RealRun, list[JudgedTrial]]:
-    """Return the labeled trials, and the protocol with all damaged trials marked."""
+    """Label the trials of a protocol.
+
+    Return the protocol with all damaged trials listed in it, and the labeled trials.
+    """
     judged, damaged = [], {trial.code: trial for trial in run.damaged}
     for trial in run.trials:
         try:
@@ -410,7 +440,7 @@ def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
 
 
 def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
-    """Return the JSON form of a damaged trial, without any value from its files."""
+    """Return the JSON form of a damaged trial. It contains no values from the files of the trial."""
     steps = ("steps", "late_steps", "held_steps", "limited_steps")
     return {
         **asdict(trial.planned),
@@ -449,7 +479,7 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
 
 
 def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
-    """Return a real trial in the same form as a diagnosed simulated trial, for the report's matrices."""
+    """Convert a real trial to a diagnosed trial as it results from simulation, for the matrices of the report."""
     planned, found = judged.trial.planned, judged.label
     resolved = resolve_condition(run.plan.task, planned.condition)
     right = label.kind is Kind.NONE
@@ -488,7 +518,10 @@ def _attempt(closing: Closing) -> Attempt:
 
 
 def _order_check(run: RealRun) -> OrderCheck:
-    """Check the order of all finished trials, including damaged ones, by the start of their last attempt."""
+    """Check the order of all finished trials, including damaged ones.
+
+    Trials are ordered by the start of their last attempt.
+    """
     begun = {e.code: k for k, e in enumerate(run.events) if e.event == "begun"}
     done = [planned for planned in run.plan.trials if run.states[planned.code].state == "done"]
     order = sorted(done, key=lambda planned: begun[planned.code])
@@ -511,7 +544,7 @@ def _order_check(run: RealRun) -> OrderCheck:
 
 
 def _longest(names: Sequence[str]) -> int:
-    """Return the largest number of consecutive equal names."""
+    """Return the largest number of consecutive equal names in a sequence."""
     return max((len(list(group)) for _, group in itertools.groupby(names)), default=0)
 
 
@@ -519,12 +552,12 @@ def _longest(names: Sequence[str]) -> int:
 
 
 def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> TwinComparison:
-    """Compare a twin run with the policy that it belongs to."""
+    """Compare a run on the simulated twin with the policy of the protocol to which it belongs."""
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:
-        problem = f"has no trial of {run.plan.task}, but of {', '.join(sorted(tasks)) or 'no task'}"
-        raise InvalidInputError(f"--sim {path}", problem, "Give a run of the same task on the twin")
+        problem = f"has no trial of {run.plan.task}; its tasks are: {', '.join(sorted(tasks)) or 'no task'}"
+        raise InvalidInputError(f"--sim {path}", problem, "Give a simulated run of the same task")
     mine = [p for p in policies if p.policy.address == diagnosis.address]
     if not mine and len(policies) == 1:
         mine = list(policies)
@@ -536,7 +569,7 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
 
 
 def compare_matrices(policy: str, real: Sequence[Matrix], twin: Sequence[Matrix], *, run: str = "") -> TwinComparison:
-    """Compare two pairs of matrices cell by cell."""
+    """Compare the matrices of a policy on the real arm with those in simulation, cell by cell."""
     cells = []
     for ours, theirs in zip(real, twin, strict=True):
         for row, other in zip(ours.cells, theirs.cells, strict=True):

@@ -1,10 +1,10 @@
-"""Operator session: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
+"""Session of an operator: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
 
 All work is done in the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
-its queue. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
+the queue of this thread. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
 
-A session may end at any time. The next session marks an interrupted attempt as aborted and repeats its trial; it first
-shows a finished trial that has no entry yet.
+A session may end at any time. The next session marks an interrupted attempt as aborted and repeats its trial. If a
+finished trial has no entry yet, the next session first asks for it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MOST_WAITING = 50
 LOOK_S = 0.1
 """Interval between readings of the robot while no trial is running [s]."""
 MEASURE_S = 1.0
-"""Interval between measurements of the scene agreement [s]."""
+"""Interval between measurements of the agreement between the scene and its simulated twin [s]."""
 
 _NOT_VALID = "the operator marked it as invalid"
 
@@ -53,7 +53,13 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Operator command: its name, and a text for "enter" (the outcome) and notes."""
+    """Command of the operator.
+
+    Attributes:
+        name: Name of the command, one of :data:`COMMANDS`.
+        value: Name of the outcome, for "enter".
+        note: Note of the operator.
+    """
 
     name: str
     value: str = ""
@@ -61,8 +67,12 @@ class Command:
 
 
 COMMANDS = ("arm", "disarm", "start", "force", "end", "enter", "undo", "again", "release")
-"""Commands of pages and keys: switch the arm on and off; start the trial if the scene matches the twin, or in any case;
-end the trial; enter the outcome; undo the last entry; discard and repeat the last trial; torque off."""
+"""Names of the commands that pages and keys can send.
+
+They switch the arm on (arm) and off (disarm), start the trial if the scene matches the twin (start) or in any case
+(force), end the trial (end), enter the outcome (enter), undo the last entry (undo), discard and repeat the last trial
+(again), and switch the motor torque off (release).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +80,21 @@ class SessionView:
     """Content of the operator page. Policy and condition are hidden.
 
     Attributes:
-        code: Code of the current trial, or an empty string at the end.
-        number: Its number in the plan, from 1.
-        steps: Instructions for placing each object.
+        stage: Stage of the session.
+        code: Code of the current trial; empty after the last trial.
+        number: Number of the current trial in the plan, counted from 1.
+        done: Number of finished trials.
+        planned: Number of planned trials.
+        instruction: Instruction of the current trial.
+        cloth: Color of the tablecloth; empty if there is none.
+        steps: Instructions for setting up the objects, one per object.
+        armed: Whether the switch of the arm is on.
+        why_off: Reason why the switch is off.
         message: Latest message to the operator.
-        agreement: Latest measured agreement of the scene, or None.
+        agreement: Last measured agreement between the scene and its twin, or None if it was not measured.
         elapsed_s: Duration of the running trial so far [s].
+        time_limit_s: Maximum duration of a trial [s].
+        can_undo: Whether there is an entry that can be undone.
     """
 
     stage: Stage
@@ -97,7 +116,10 @@ class SessionView:
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """Trial, stage, steps and the twin's image, replaced together so that a page never mixes two trials."""
+    """Current trial and stage, together with the setup steps and the image of the twin.
+
+    The object is replaced as a whole, so that a page never shows a mixture of two trials.
+    """
 
     trial: PlannedTrial | None = None
     stage: Stage = Stage.SETUP
@@ -106,12 +128,12 @@ class _Shown:
 
 
 class RealSession:
-    """Operator session on a protocol folder; a context manager that closes it.
+    """Session of an operator with a protocol folder. If used as a context manager, it is closed at the end.
 
     Raises:
-        RunConflictError: If another process runs the protocol.
+        RunConflictError: If another process is running the protocol.
         RecordError: If the folder is damaged.
-        InvalidInputError: If a policy cannot run on an arm.
+        InvalidInputError: If a policy cannot run on a real arm.
         RobotError: If the robot cannot be reached.
     """
 
@@ -126,15 +148,15 @@ class RealSession:
         size: tuple[int, int] = (320, 240),
         say: Callable[[str], None] = logger.info,
     ) -> None:
-        """Open the folder and connect the robot.
+        """Open the protocol folder and connect the robot.
 
         Args:
-            folder: Folder with a plan.
+            folder: Folder of a protocol with a plan.
             robot: Robot, which is not connected yet.
             person: Name of the operator, stored with the entries.
             limits: Safety limits; by default those of the SO-101.
             apart: Whether a user's policy runs in a separate process.
-            size: Width and height of the twin's images [pixel].
+            size: Width and height of the images of the simulated twin [pixels].
             say: Called with each message to the operator.
         """
         self.folder, self.person, self.controls = folder, person, Controls()
@@ -181,10 +203,10 @@ class RealSession:
     # ------------------------------------------------------------------------------------------- from any thread
 
     def put(self, command: Command) -> None:
-        """Queue a command; raise InvalidInputError for an unknown one.
+        """Queue a command. Raise InvalidInputError if the command is unknown.
 
-        Switching the arm off acts immediately. While a trial is running, all commands except this one and "end" are
-        ignored.
+        Switching the arm off acts immediately. While a trial is running, all commands except switching off and "end"
+        are ignored.
         """
         if command.name not in COMMANDS:
             raise InvalidInputError("command", f"{command.name!r} is unknown", f"Use one of {', '.join(COMMANDS)}")
@@ -201,7 +223,7 @@ class RealSession:
             logger.warning("too many commands are waiting, so %s is ignored", command.name)
 
     def halt(self, why: str = "the operator stopped it") -> None:
-        """Stop the arm immediately, abort a running attempt, and drop queued commands."""
+        """Stop the arm immediately, abort a running attempt, and drop the queued commands."""
         self._halts += 1
         self.controls.why = why
         self.controls.stop.set()
@@ -214,12 +236,12 @@ class RealSession:
 
     @property
     def twin_view(self) -> TwinView | None:
-        """The twin's image of the current trial."""
+        """Image of the simulated twin for the current trial, or None."""
         return self._shown.view
 
     @property
     def view(self) -> SessionView:
-        """The current content of a page."""
+        """Current content of the operator page."""
         trial, stage = self._shown.trial, self._shown.stage
         states = [self._journal.state(t.code).state for t in self.plan.trials]
         return SessionView(
@@ -243,7 +265,7 @@ class RealSession:
     # ----------------------------------------------------------------------------------------- the session's thread
 
     def run(self, stopped: threading.Event) -> None:
-        """Execute commands until the event is set, or every trial is finished and has an entry.
+        """Execute commands until the event is set, or until every trial is finished and has an entry.
 
         Raises:
             StorageError: If the disk is full.
@@ -270,7 +292,7 @@ class RealSession:
         self._say(message)
 
     def begin(self) -> None:
-        """Go to a finished trial without an entry or, if there is none, to the next trial in the plan."""
+        """Go to a finished trial that has no entry. If there is none, go to the next trial in the plan."""
         # the program was killed between writing the entry and the journal line that repeats the trial
         for trial in read_run(self.folder).trials:
             for entry in trial.seen_by("operator"):
@@ -305,7 +327,7 @@ class RealSession:
             self._say(f"{where}: set up the scene. {f'Tablecloth: {cloth}. ' if cloth else ''}{told}.")
 
     def _look(self) -> None:
-        """Read the robot, and measure the scene agreement at intervals."""
+        """Read the robot. At regular intervals, also measure the agreement between the scene and its twin."""
         if self._shown.stage is Stage.DONE:
             return
         try:
@@ -319,14 +341,14 @@ class RealSession:
             self._measured_s = time.monotonic()
 
     def _measured(self, reading: Reading) -> Agreement | None:
-        """Return the agreement between the front camera and the twin; None without a front camera."""
+        """Return the agreement between the front camera's and the twin's image, or None if one of them is missing."""
         frame = reading.frames.get(FRONT)
         if frame is None or self._shown.view is None:
             return None
         return measure_agreement(frame.image, self._shown.view)
 
     def obey(self, command: Command) -> None:
-        """Execute a command in this thread; errors become messages to the operator.
+        """Execute a command in this thread. Errors become messages to the operator.
 
         Raises:
             StorageError: If the disk is full.
@@ -423,7 +445,7 @@ class RealSession:
         self.begin()
 
     def _undo(self) -> None:
-        """Undo the last entry of this session, and return to the stage in which it is entered."""
+        """Undo the last entry of this session, and go back to the trial so that the outcome can be entered again."""
         if not self._entered:
             self._tell("This session has no entry to undo.")
             return
@@ -434,7 +456,7 @@ class RealSession:
         self.begin()
 
     def _again(self, note: str) -> None:
-        """Discard the last trial, so that it is repeated."""
+        """Discard the last trial, so that it will be repeated."""
         if self._shown.trial is not None:
             code = self._shown.trial.code
             self._journal.repeat(code, note, self.person)

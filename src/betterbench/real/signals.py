@@ -1,9 +1,9 @@
-"""Trial signals from joint states only: freezes, back-and-forth motion, jaw closings and repeated approaches.
+"""Signals computed from joint states only: rest, back-and-forth motion, closings of the jaw, and repeated approaches.
 
-Records of a real arm contain no contacts and no object poses. Rest and motion are judged from the tool's path, which is
-computed by the twin's forward kinematics, with the rules of the simulated diagnosis (``diagnosis.analysis.paths``). A
-jaw that stops before its commanded position, or has a load, holds an object. All thresholds are in
-``diagnosis.thresholds``.
+Records of a real arm contain no contacts and no object poses. The path of the tool is therefore computed by the forward
+kinematics of the simulated arm, and rest and motion are judged from this path by the rules of the simulated diagnosis
+(``diagnosis.analysis.paths``). A jaw is assumed to hold an object if it stops before its commanded position or has a
+load. All thresholds are in ``diagnosis.thresholds``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ JAW = SO101_MOTORS.index("gripper")
 
 
 class Grip(StrEnum):
-    """Result of one closing motion of the jaw.
+    """Result of a closing motion of the jaw.
 
     ``OBJECT``: the jaw stopped before its commanded position, or has a load. ``NOTHING``: the opening is too small for
     an object. ``PRESET``: the jaw reached its commanded position without a load, at an opening that fits an object.
@@ -72,17 +72,18 @@ class Closing:
     Attributes:
         start_s: Time at which the jaw starts to close [s].
         end_s: Time at which the jaw has stopped [s].
-        opening: Opening at which the jaw stopped, 0 closed to 100 open.
-        grip: Result.
-        x: Position of the tool when the jaw stopped [m], frame of the base.
-        y: As ``x``.
-        z: As ``x``.
+        opening: Opening at which the jaw stopped, from 0 (closed) to 100 (open).
+        grip: Result of the closing motion.
+        x: x coordinate of the tool when the jaw stopped, in the base frame [m].
+        y: y coordinate of the tool when the jaw stopped [m].
+        z: z coordinate of the tool when the jaw stopped [m].
         let_go_s: Time at which the jaw opens again [s]; None if it stays closed.
-        lost_s: Time at which a held object slipped out of the closed jaw [s], or None.
+        lost_s: Time at which a held object slipped out of the closed jaw [s]; None if no object slipped out.
         lifted_m: Largest rise of the tool while the jaw is closed [m].
-        carried_m: Horizontal distance from the closing to the next opening, or to the last row [m].
-        release_x: Position of the tool at ``let_go_s``, or at the last row.
-        release_y: As ``release_x``.
+        carried_m: Horizontal distance of the tool between the closing and the next opening [m]. If the jaw does not
+            open again, the end of the trial is used instead of the opening.
+        release_x: x coordinate of the tool at ``let_go_s``, or at the end of the trial [m].
+        release_y: y coordinate of the tool at ``let_go_s``, or at the end of the trial [m].
     """
 
     start_s: float
@@ -106,26 +107,26 @@ class Closing:
 
     @property
     def low(self) -> bool:
-        """Whether the tool was low enough to grasp an object."""
+        """Whether the tool was low enough to grasp an object when the jaw closed."""
         return self.z <= THRESHOLDS.attempt_height
 
     @property
     def is_attempt(self) -> bool:
         """Whether the closing is a grasp attempt.
 
-        It must be low enough to grasp an object; the jaw may remain empty.
+        This is the case if the tool is low enough to grasp an object, even if the jaw remains empty.
         """
         return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
 
     @property
     def over_s(self) -> float:
-        """End of the closing [s]: the jaw opened again, lost the object, or stopped."""
+        """Time at which the closing is over [s]. The jaw has then opened again, lost the object, or stopped."""
         return self.end_s if self.let_go_s is None and self.lost_s is None else (self.lost_s or self.let_go_s or 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Start and end time of a behavior [s]."""
+    """Interval in which a behavior was observed, from its start to its end [s]."""
 
     start_s: float
     end_s: float
@@ -133,12 +134,14 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """Repeated descents of an empty gripper at one place.
+    """Repeated descents of an empty gripper to the same place.
 
     Attributes:
-        count: Number of descents, each broken off.
-        x: Mean position [m], base frame.
-        y: As ``x``.
+        count: Number of descents, none of which picked up an object.
+        start_s: Start of the first descent [s].
+        end_s: End of the last descent [s].
+        x: Mean x coordinate of the place in the base frame [m].
+        y: Mean y coordinate of the place in the base frame [m].
     """
 
     count: int
@@ -155,11 +158,12 @@ class JointSignals:
     Attributes:
         duration_s: Duration of the trial [s].
         reach_m: Largest distance of the tool from its initial position [m].
-        path_m: Length of the tool's path, without encoder noise [m].
-        freeze: Rest until the end of the trial if it is long enough to count as a halt, else None.
-        to_and_fro: Back-and-forth motion of the empty gripper until the end, or None.
-        closings: Jaw closings in order of time.
-        repeated: Repeated approaches to one place without an object in the jaw, or None.
+        path_m: Length of the path of the tool, without encoder noise [m].
+        freeze: Interval in which the arm rests until the end of the trial; None if it is too short to count as a halt.
+        to_and_fro: Interval in which the empty gripper moves back and forth until the end; None if there is no such
+            motion.
+        closings: Closings of the jaw in order of time.
+        repeated: Repeated approaches to one place without an object in the jaw; None if there are none.
         load_known: Whether the robot reported the load of the gripper's motor.
         path: Tool positions of the resampled trial, (T, 3) [m], for tables and plots.
     """
@@ -186,24 +190,24 @@ class JointSignals:
 
     @property
     def grasps(self) -> tuple[Closing, ...]:
-        """Closings on an object."""
+        """Grasp attempts in which the jaw closed on an object."""
         return tuple(closing for closing in self.attempts if closing.holds)
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool rests at the end of the trial for at least the time required of a finished policy."""
+        """Whether the tool rests at the end of the trial for as long as a policy has to rest after finishing a task."""
         return self.freeze is not None and self.freeze.end_s - self.freeze.start_s >= THRESHOLDS.settle_time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTrack:
-    """Joint states, resampled at a constant rate.
+    """Joint states of a trial, resampled at a constant rate.
 
     Attributes:
         rate_hz: Rate of the rows [Hz].
         arm: (T, 5) joint angles [rad].
-        opening: (T,) opening of the jaw, 0 closed to 100 open.
-        asked: (T,) commanded opening.
+        opening: (T,) measured opening of the jaw, from 0 (closed) to 100 (open).
+        asked: (T,) commanded opening of the jaw.
         load: (T,) absolute load of the gripper's motor as a fraction of its maximum; NaN if unknown.
     """
 
@@ -215,10 +219,10 @@ class JointTrack:
 
     @classmethod
     def of(cls, samples: Samples, *, unit: Unit, rate_hz: float) -> JointTrack:
-        """Return the states of a trial at a constant rate, because control steps may be late.
+        """Resample the states of a trial at a constant rate, because control steps may be late.
 
         Raises:
-            InvalidInputError: If there are fewer than two rows.
+            InvalidInputError: If the samples have fewer than two rows.
         """
         if len(samples) < 2:
             problem = f"has {len(samples)} rows, but signals need at least two"
@@ -238,19 +242,22 @@ class JointTrack:
         return times
 
     def steps(self, seconds: float) -> int:
-        """Return the number of rows in a duration, at least one."""
+        """Return the number of rows in a duration, which is at least one."""
         return steps_in(seconds, self.rate_hz)
 
 
 def _resampled(at: Floats, time: Floats, values: Floats) -> Floats:
-    """Interpolate values (T, n) linearly at other times; values next to an unknown value (NaN) are unknown."""
+    """Interpolate values (T, n) linearly at other times. Values next to an unknown value (NaN) are unknown too."""
     made: Floats = np.stack([np.interp(at, time, column) for column in values.T], axis=1)
     return made
 
 
 @functools.cache
 def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
-    """Return the twin's forward kinematics: from five angles [rad] to the tool position in the base frame [m]."""
+    """Return the forward kinematics of the simulated arm.
+
+    This function maps five joint angles [rad] to the position of the tool in the base frame [m].
+    """
     solver = ArmIK(robot(ROBOT))
 
     def place(angles: Sequence[float]) -> tuple[float, float, float]:
@@ -261,13 +268,13 @@ def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
 
 
 def tool_path(arm: Floats) -> Floats:
-    """Return the tool positions (T, 3) in the base frame [m] for joint angles (T, 5) [rad]."""
+    """Return the tool positions (T, 3) in the base frame [m] that belong to joint angles (T, 5) [rad]."""
     place = _kinematics()
     return np.array([place(angles) for angles in arm.tolist()]).reshape(-1, 3)
 
 
 def signals_of(track: JointTrack) -> JointSignals:
-    """Compute the signals of a trial."""
+    """Compute the signals of a trial from its resampled joint states."""
     tool = _steady(tool_path(track.arm), track)
     closings = _closings(track, tool)
     freeze = _freeze(track, tool, closings)
@@ -288,7 +295,7 @@ def signals_of(track: JointTrack) -> JointSignals:
 
 
 def _steady(tool: Floats, track: JointTrack) -> Floats:
-    """Return the path averaged over ``stillness_window``, to remove encoder noise."""
+    """Return the path of the tool, averaged over ``stillness_window`` to remove encoder noise."""
     half = track.steps(THRESHOLDS.stillness_window) // 2
     if not half or len(tool) <= 2 * half:
         return tool
@@ -307,9 +314,10 @@ def _span(track: JointTrack, first: int, last: int) -> Span:
 
 
 def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Span | None:
-    """Return the final rest of the arm, which is still for ``halt_time`` or trembles in place for ``tremble_time``.
+    """Return the interval in which the arm rests until the end, or None if it does not come to rest.
 
-    An arm whose jaw closes or opens has not halted.
+    The arm must be still for ``halt_time``, or tremble in place for ``tremble_time``. It does not count as resting
+    while the jaw closes or opens.
     """
     still = still_rows(tool, track.rate_hz)
     busy = max((track.steps(c.let_go_s or c.end_s) + track.steps(THRESHOLDS.stop_time) for c in closings), default=0)
@@ -326,7 +334,7 @@ def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Spa
 
 
 def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
-    """Return the back-and-forth motion of the empty gripper until the end, or None."""
+    """Return the interval in which the empty gripper moves back and forth until the end, or None if there is none."""
     if len(tool) - first < track.steps(THRESHOLDS.halt_time):
         return None
     # one position per window, because encoder noise would add up along the path
@@ -336,7 +344,10 @@ def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
 
 
 def _repeated(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Approach | None:
-    """Return the largest group of at least ``returns`` descents at one place without an object in the jaw."""
+    """Return the largest group of descents to the same place without an object in the jaw.
+
+    Return None if there is no group of at least ``returns`` descents.
+    """
     free = np.ones(len(tool), dtype=np.bool_)
     for closing in closings:
         if closing.holds:
@@ -358,7 +369,10 @@ def _ends(span: Span) -> tuple[float, float]:
 
 
 def _descents(height: Floats) -> list[int]:
-    """Return the lowest row of each descent by at least ``risen_again`` that is followed by an equal rise."""
+    """Return the lowest row of each descent.
+
+    A descent is a fall of the tool by at least ``risen_again`` that is followed by a rise of the same size.
+    """
     found: list[int] = []
     top, low, falling = float(height[0]), 0, False
     for row, z in enumerate(height.tolist()):
@@ -378,7 +392,7 @@ def _descents(height: Floats) -> list[int]:
 
 
 def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
-    """Return the closings of the jaw. A closing decreases the opening by ``jaw_moves`` and ends when the jaw stops."""
+    """Return the closings of the jaw. A closing reduces the opening by ``jaw_moves`` and ends when the jaw stops."""
     found = []
     opening = track.opening
     for start, end in _falls(track):
@@ -409,7 +423,7 @@ def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
 
 
 def _falls(track: JointTrack) -> list[tuple[int, int]]:
-    """Return the first row of each closing, and the row at which the jaw stops.
+    """Return for each closing the row at which it begins and the row at which the jaw stops.
 
     A pause shorter than ``chatter_time`` does not end a closing.
     """
@@ -432,13 +446,13 @@ def _falls(track: JointTrack) -> list[tuple[int, int]]:
 
 
 def _begins(opening: Floats, top: int, row: int) -> int:
-    """Return the last row before a closing at which the jaw was within its backlash of the open position."""
+    """Return the last row before a closing at which the jaw was still fully open, apart from its backlash."""
     fallen = np.flatnonzero(opening[top : row + 1] >= opening[top] - JAW_RESTS)
     return top + int(fallen[-1])
 
 
 def _stops(track: JointTrack, row: int) -> int:
-    """Return the first row after which the opening does not decrease within ``stop_time``."""
+    """Return the first row after which the opening does not decrease during the next ``stop_time``."""
     opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
     for end in range(row, len(opening)):
         after = opening[end : end + window + 1]
@@ -448,7 +462,7 @@ def _stops(track: JointTrack, row: int) -> int:
 
 
 def _grip(track: JointTrack, end: int) -> Grip:
-    """Return the result of a closing from the opening, the command and the load while the jaw stays closed."""
+    """Return the result of a closing. It is judged from opening, command and load while the jaw stays closed."""
     opens = _opens_after(track.opening, end)
     stop = min(len(track.opening), end + track.steps(THRESHOLDS.stop_time) + 1, *(() if opens is None else (opens,)))
     rows = slice(end, max(stop, end + 1))
@@ -468,14 +482,17 @@ def _grip(track: JointTrack, end: int) -> Grip:
 
 
 def _opens_after(opening: Floats, row: int) -> int | None:
-    """Return the first later row at which the jaw has opened by ``jaw_moves`` from its narrowest, or None."""
+    """Return the first later row at which the jaw has opened again, or None.
+
+    It has opened again if it is wider by ``jaw_moves`` than at its narrowest.
+    """
     low = np.minimum.accumulate(opening[row:])
     wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)
     return row + int(wider[0]) if wider.size else None
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which a jaw with an object closes further because the object is lost, or None."""
+    """Return the row at which a jaw closes further because it has lost the object that it held, or None."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

@@ -1,4 +1,4 @@
-"""Simulated twin of a trial's scene for the operator: object positions and the image of the front camera."""
+"""Simulated twin of a trial's scene, which provides the object positions and the image of the front camera."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ FRONT = "front"
 
 @dataclass(frozen=True, slots=True)
 class SetupStep:
-    """Instruction to the operator about one object.
+    """Instruction to the operator for setting up one object.
 
     Attributes:
         name: Name of the object.
         title: Displayed name ("red block").
         place: "table", the name of the container with the object, or "absent".
-        position_m: Point on the table below the object's center, in the arm's base frame: x ahead, y left; None if
-            absent.
-        text: Instruction in one sentence.
+        position_m: Point on the table below the object's center, in the arm's base frame (x ahead, y left) [m]; None if
+            the object is absent.
+        text: Text of the instruction.
     """
 
     name: str
@@ -39,13 +39,13 @@ class SetupStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwinView:
-    """Front camera image of the twin.
+    """Image of the front camera in the simulated twin.
 
     Attributes:
-        image: (height, width, 3) uint8 RGB.
-        masks: (height, width) bool mask of the visible part of each object, by name.
-        pixels_per_m: (2, 2) image displacement [pixel] per meter along x and y of the table, by object name.
-        cloth: Color of the tablecloth, or an empty string without one.
+        image: (height, width, 3) uint8 RGB image.
+        masks: (height, width) bool mask of the visible part of each object, by object name.
+        pixels_per_m: (2, 2) displacement in the image [pixels] per meter along x and y of the table, by object name.
+        cloth: Color of the tablecloth; empty if there is none.
     """
 
     image: np.ndarray
@@ -55,10 +55,10 @@ class TwinView:
 
 
 class Twin:
-    """Builder of twin scenes and their images; it may be used only by the rendering thread."""
+    """Builds the simulated scenes of trials and their images. Only the rendering thread may use it."""
 
     def __init__(self, plan: RealPlan, *, size: tuple[int, int], quality: str = "standard") -> None:
-        """Store the plan and the image size (width, height) [pixel]."""
+        """Store the plan and the size (width, height) of the images [pixels]."""
         self._plan, self.size, self._quality = plan, size, quality_preset(quality)
         self._renderers = Renderers(1)
         self._key: tuple[str, int] | None = None
@@ -66,7 +66,7 @@ class Twin:
         self._view: TwinView | None = None
 
     def scene(self, trial: PlannedTrial) -> Scene:
-        """Return the scene of a trial at its start."""
+        """Build the simulated scene of a trial in its initial state, or return it if it is already built."""
         key = (trial.condition, trial.scene_seed)
         if self._scene is None or self._key != key:
             setting = resolve_condition(self._plan.task, trial.condition)
@@ -82,11 +82,11 @@ class Twin:
         return self._scene
 
     def cloth(self, trial: PlannedTrial) -> str:
-        """Return the color of the tablecloth, or an empty string without one."""
+        """Return the color of the tablecloth in a trial; empty if there is none."""
         return resolve_condition(self._plan.task, trial.condition).condition.cloth or ""
 
     def steps(self, trial: PlannedTrial) -> tuple[SetupStep, ...]:
-        """Return the setup instruction for each object of the task, with absent objects last."""
+        """Return the setup instruction for each object of the task. Absent objects come last."""
         scene = self.scene(trial)
         condition, state = scene.condition, scene.reset(check_premise=False)
         known = {o.name: o for c in scene.task.training for o in c.objects}
@@ -110,7 +110,7 @@ class Twin:
         return (*found, *absent)
 
     def view(self, trial: PlannedTrial) -> TwinView:
-        """Render a trial's initial scene."""
+        """Render the initial scene of a trial as the front camera sees it."""
         scene = self.scene(trial)
         if self._view is None:
             scene.reset(check_premise=False)
@@ -124,7 +124,7 @@ class Twin:
         return self._view
 
     def _motions(self, scene: Scene) -> dict[str, np.ndarray]:
-        """Return the image displacement per meter along the table for each object."""
+        """Return how far each object moves in the image per meter along x and y of the table [pixels/m]."""
         camera = camera_matrices(scene.model, scene.data, FRONT, width=self.size[0], height=self.size[1])
         state = scene.state()
         found = {}

@@ -103,7 +103,7 @@ def test_the_command_says_what_it_could_not_have_shown(tmp_path, capsys):
     """On a stranger's set: in the terminal, in shortcuts.md and in the JSON document."""
     path = make(tmp_path / "set", "plain", "clean", count=16)
     assert main(["shortcuts", str(path), "--out", str(tmp_path / "audit")]) == 0
-    assert "smallest detectable rule, as a share of the demonstrations:" in capsys.readouterr().out
+    assert "smallest detectable rule, as a fraction of the demonstrations:" in capsys.readouterr().out
     assert "smallest rule that would be found |" in (tmp_path / "audit" / "shortcuts.md").read_text()
     stored = json.loads((tmp_path / "audit" / "shortcuts.json").read_text())
     assert all(rule["sentence"] and "least_share" in rule for group in stored["groups"] for rule in group["smallest"])

@@ -57,7 +57,7 @@ BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n"
 
 # by name: the file, its content or a change of it, and words of the message
 WRONG = {
-    "bomb": ("task.yaml", BOMB, "task.yaml: it has an alias"),
+    "bomb": ("task.yaml", BOMB, "task.yaml: the file uses a YAML alias"),
     "large": ("task.yaml", "task_id: Picnic\n# " + "x" * 10_000_000, "is larger than"),
     "python": ("task.yaml", "task_id: !!python/object/apply:os.system ['true']\n", "task.yaml: is not YAML"),
     "deep": ("task.yaml", "a: " + "[" * 2000 + "]" * 2000, "nested too deep"),
@@ -105,7 +105,7 @@ WRONG = {
     "many objects": (
         "object_universe.yaml",
         lambda f: f["goal_objects"].extend(thing(f"apple_{i}", "apple", "apple") for i in range(2, 200)),
-        "lists 204 objects. A task has at most 100",
+        "lists 204 objects. Use at most 100 objects",
     ),
     "no container": ("object_universe.yaml", lambda f: f.update(container=[]), "container: is empty"),
     "path": (

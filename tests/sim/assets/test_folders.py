@@ -262,7 +262,7 @@ def test_what_is_typed_and_read(quick, capsys, monkeypatch):
     for given, text in (
         ((), "no file was given"),
         (("gone.glb",), "gone.glb"),
-        (("toy.stl", "broken.obj", "--size-m", "0.1"), "Import that file alone"),
+        (("toy.stl", "broken.obj", "--size-m", "0.1"), " --size-m: 2 files were given. Import one file at a time"),
         (("toy.stl", "--size-m", "-1"), "out of range"),
     ):
         status, _, err = run(capsys, "assets", "import", *given, "--out", "bad")

@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.calvin import ChainSummary
 
 
 def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
-    """Print Table 4 of the paper, the comparisons between its rows, and the illusion gaps in every world."""
+    """Print Table 4 of the paper for all worlds, comparisons between its rows, and the illusion gaps in each world."""
     libero = [row for row in table.rows if row.suites]
     if libero:
         rows = [[shown, *(_rate(row.suites.get(name)) for row in libero)] for name, shown in LIBERO_COLUMNS.items()]

@@ -1,4 +1,4 @@
-"""File with the pictures of some assets."""
+"""Image file with pictures of assets that a search found."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def write_sheet(hits: Sequence[tuple[str, Hit]], out: Path, *, overwrite: bool) -> None:
-    """Write the pictures of some assets with their scores and licenses."""
+    """Write an image file with a picture of each asset, its search score and its license."""
     with picture_file(out, "assets", overwrite=overwrite) as write:
         if hits:
             from PIL import Image

@@ -1,4 +1,4 @@
-"""Picture sheet of the assets found by a search, with scores and licenses."""
+"""Image that shows the picture, the score and the license of each asset that a search found."""
 
 from __future__ import annotations
 
@@ -20,10 +20,13 @@ _COLUMNS = 5
 
 
 def asset_sheet(hits: Sequence[tuple[str, Hit]]) -> np.ndarray:
-    """Return a sheet (height, width, 3) uint8 of assets given by id and hit.
+    """Draw the found assets in one image (height, width, 3) uint8.
+
+    Args:
+        hits: Asset id and search hit of each asset.
 
     Raises:
-        MissingDependencyError: If generated assets are to be drawn, and no off-screen OpenGL works here.
+        MissingDependencyError: If an asset has to be rendered and off-screen OpenGL does not work on this machine.
     """
     cells = [
         SheetCell(_title(asset), [_picture(asset, hit)], f"{hit.score:.2f}  {hit.entry.license or 'license unknown'}")
@@ -33,7 +36,7 @@ def asset_sheet(hits: Sequence[tuple[str, Hit]]) -> np.ndarray:
 
 
 def _title(asset: str) -> str:
-    """Return the last part of an id: the name of a generated asset or file."""
+    """Return the last part of an asset id. If it is a generic file name ("model.obj"), return the part before it."""
     parts = Path(asset).parts
     generic = len(parts) > 2 and Path(parts[-1]).stem in ("textured", "model", "mesh", "scene")
     return parts[-2] if generic else parts[-1]

@@ -1,4 +1,4 @@
-"""Text output of a calibration."""
+"""Text output of a calibration, which tests the diagnosis on policies with known faults."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ WRONG_SHOWN = 12
 
 
 def print_calibration(found: Calibration) -> None:
-    """Print the accuracy of each label and the first wrong labels."""
+    """Print a table of labels, and examples of wrong labels.
+
+    The table shows how often each label is found when it is the true one, and how often it is correct when assigned.
+    """
     rows = [
         [
             label_name(s.label),
@@ -41,7 +44,10 @@ def print_calibration(found: Calibration) -> None:
 
 
 def film_strips(wrong: Sequence[Judged], out: Path) -> dict[tuple[str, str], bytes]:
-    """Return a film strip (JPEG) of each wrong label, by policy and trial, from the runs below a folder."""
+    """Return a film strip (JPEG) for each wrong label, by policy and trial.
+
+    The frames come from the runs in ``out``.
+    """
     strips: dict[tuple[str, str], bytes] = {}
     if not wrong:
         return strips
@@ -65,7 +71,7 @@ def _trial(key: str) -> tuple[str, str, int]:
 
 
 def print_power(found: PowerMatrix) -> None:
-    """Print the success of every pretender (simulated faulty policy), and a summary of the power matrix."""
+    """Print the success rates of all pretenders (simulated faulty policies), and a summary of the power matrix."""
     table = power_tables(found)[0]
     rows = [[cell.replace("`", "") for cell in row] for row in table.rows]
     print_table(list(table.columns), rows, title="power matrix: success, %")

@@ -1,4 +1,4 @@
-"""Text output of a certificate."""
+"""Text output of a certificate, which shows that trials can be solved."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, print_table
 
 
 def print_certificate(certificate: Certificate) -> None:
-    """Print the conditions with a failed certificate clause, and the totals."""
+    """Print the conditions for which a clause of the certificate failed, and the totals over all conditions."""
     groups = summaries(certificate.trials)
     short = [s for s in groups if s.passed < s.n]
     if short:

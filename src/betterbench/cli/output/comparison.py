@@ -27,7 +27,11 @@ def print_comparison(result: Comparison) -> None:
 
 
 def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
-    """Print one row per group: rates with letters, and for two policies the difference."""
+    """Print one row per group of trials, with the success rate or other measure of each policy.
+
+    If two policies are compared, the row also shows the difference between them. The letters after the rates tell which
+    policies cannot be distinguished: these policies share a letter.
+    """
     names = groups[0].names
     columns = ["over" if groups[0].measure == "success" else "what", *names]
     if len(names) == 2:
@@ -44,7 +48,10 @@ def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
 
 
 def _what(group: Group) -> str:
-    """Return a row title; an axis is shortened to two words, so that the table fits a terminal."""
+    """Return the title of a table row.
+
+    The name of an axis is shortened to two words, so that the table fits the terminal.
+    """
     if group.scope.startswith("axis:"):
         return " ".join(scope_text(group.scope).split()[:2])
     return scope_text(group.scope) if group.measure == "success" else group.measure.replace("_", " ")
@@ -70,5 +77,5 @@ def _legend(result: Comparison) -> list[str]:
     if len(names) == 2:
         lines.append(f"Differences are {names[0]} minus {names[1]}, in percentage points.")
     if result.matching.paired:
-        lines.append(f"Compared: {n} trials that all runs plan, by task, variation or condition, and seed.")
+        lines.append(f"Compared: {n} trials that all runs plan (same task, variation or condition, and seed).")
     return lines

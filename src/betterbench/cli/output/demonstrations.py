@@ -1,4 +1,4 @@
-"""Command-line output about a demonstration set: progress, variety and acceptance."""
+"""Command-line output about a set of demonstrations: progress, variety and acceptance."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return the note of the progress bar: the number of attempts, and the last attempted initial state."""
+    """Return the note of the progress bar: the number of attempts, and the initial state of the last attempt."""
     last = "" if progress.last is None else f", {progress.last.trial}"
     return f"{progress.attempts} attempts{last}"
 
 
 def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] = ()) -> None:
-    """Print the variety of a demonstration set, and the variety of its sources if there are any."""
+    """Print how much the demonstrations of a set differ from each other.
+
+    If the set was generated from source demonstrations, the variety of the sources is printed too.
+    """
     from betterbench.demonstrations.making.variety import SPREADS, variety_rows
 
     if variety:
@@ -31,7 +34,7 @@ def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] 
 
 
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
-    """Write the acceptance report of a demonstration set, and print its summary and the attempt rate."""
+    """Write the acceptance report of a set of demonstrations, and print its summary and the attempts per hour."""
     from betterbench.demonstrations.making.acceptance import acceptance_of, write_acceptance
     from betterbench.demonstrations.making.failure_films import film_failures
     from betterbench.demonstrations.making.paths import draw_paths

@@ -1,4 +1,4 @@
-"""Text output of a diagnosis, and of its differences from the stored diagnosis."""
+"""Text output of a diagnosis, and of the changes since the stored diagnosis."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ SHOWN_CHANGES = 20
 
 
 def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:
-    """Diagnose a run with a progress bar."""
+    """Diagnose a run while a progress bar is shown."""
     with passing_bar(f"diagnosing {run.path.name}") as told:
         return diagnose_run(run, twins_in=twins_in, on_progress=told)
 
 
 def print_diagnosis(result: RunDiagnosis) -> None:
-    """Print each variation's outcome, the metrics and the findings."""
+    """Print the outcomes of each variation, the metrics and the findings."""
     groups: dict[str, list[Label]] = {}
     for trial in result.trials:
         groups.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial.label)
@@ -52,7 +52,11 @@ def print_diagnosis(result: RunDiagnosis) -> None:
 
 
 def _verdict(result: RunDiagnosis, name: str) -> list[str]:
-    """Return the table cells of a verdict: one for a sequential run (empty for a training condition), else none."""
+    """Return the verdict on a condition as a list of table cells.
+
+    Only a run with ``--until-decided`` has verdicts; for other runs, the list is empty. The cell of a training
+    condition is an empty text.
+    """
     if result.until_decided is None:
         return []
     answer = result.until_decided.answer(name)
@@ -60,7 +64,7 @@ def _verdict(result: RunDiagnosis, name: str) -> list[str]:
 
 
 def print_changes(changes: DiagnosisChanges) -> None:
-    """Print the differences from the stored diagnosis."""
+    """Print the changes since the stored diagnosis."""
     OUT.print(f"\n{_headline(changes)}", markup=False, style="bold")
     for t in changes.thresholds:
         OUT.print(f"threshold {t.name}: {_number(t.before)} before, {_number(t.now)} now", markup=False)

@@ -1,4 +1,4 @@
-"""Output while a report is built: progress bars, and then the verdicts."""
+"""Output of subcommands that build a report: progress bars, followed by the verdicts."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from betterbench.api.report import ReportListener
 from betterbench.cli.console import ERR, passing_bar, say
 
 LISTENER = ReportListener(say=say, warn=say, bar=passing_bar)
-"""Shows the progress of a report on standard error."""
+"""Listener that shows on standard error how far a report has been built."""
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:
-    """Print verdicts as the last lines of the terminal, on standard error."""
+    """Print verdicts as the last lines of output, on standard error."""
     for verdict in verdicts:
         ERR.print(verdict, markup=False, style="bold", soft_wrap=not ERR.is_terminal)

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 @contextmanager
 def picture_file(out: Path, verb: str, *, overwrite: bool) -> Iterator[Callable[[Image.Image, Sequence[str]], None]]:
-    """Check and lock the output path, and return the function that writes an image and remarks for its header.
+    """Check and lock the output path, and yield a function that writes the image, with remarks in the file header.
 
     Raises:
-        InvalidInputError: If the suffix is not that of a PNG or JPEG file.
-        RunConflictError: If the existing file must not be replaced, or another process is writing it.
+        InvalidInputError: If the file name does not end with .png, .jpg or .jpeg.
+        RunConflictError: If the file exists and must not be replaced, or another process is writing it.
     """
     if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise InvalidInputError(

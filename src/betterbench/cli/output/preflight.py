@@ -1,4 +1,4 @@
-"""Result of the preflight check (``better doctor --policy``), as text."""
+"""Text output of the preflight check (``better doctor --policy``)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.evaluation.preflight.view import numbers_text
 
 
 def print_conventions(conventions: tuple[Convention, ...]) -> None:
-    """Print the conventions declared by both sides, before they are compared."""
+    """Print the conventions that this program and the policy declare (such as the action space) side by side."""
     rows = [
         [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "–", c.theirs or "–"]
         for c in conventions
@@ -18,7 +18,7 @@ def print_conventions(conventions: tuple[Convention, ...]) -> None:
 
 
 def print_preflight(found: PreflightCheck, *, json: bool) -> None:
-    """Print the observation sent to the policy, its answer, and its latency."""
+    """Print the observation sent to the policy, the policy's answer, and the response times."""
     if json:
         print_json(found.to_json())
         return
@@ -44,7 +44,7 @@ def print_preflight(found: PreflightCheck, *, json: bool) -> None:
 
 
 def _print_proof(proof: ReplayProof) -> None:
-    """Print the result of the replayed demonstration for each axis."""
+    """Print how well the policy's answers agree with the replayed demonstration, with one row per axis of motion."""
     rows = [
         [
             axis.name,

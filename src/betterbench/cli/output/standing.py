@@ -1,4 +1,4 @@
-"""Comparison of a policy with the pretenders (simulated faulty policies), as text."""
+"""Text output of the comparison of a policy with the pretenders (simulated faulty policies)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,18 @@ SHOWN_LINES = 8
 
 
 def print_standing(policy: str, standing: Standing) -> None:
-    """Print the success rates of the pretenders, and the pretender most similar to the policy."""
+    """Print the success rates of a policy and of the pretenders (simulated faulty policies).
+
+    The pretender that is most similar to the policy is named.
+    """
     print_standings([policy], [standing])
 
 
 def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
-    """Print the policies and the pretenders most similar to the first policy; all must have run the same trials."""
+    """Print the success rates of policies and of the pretenders (simulated faulty policies) most similar to them.
+
+    The pretenders are sorted by their similarity to the first policy. All policies must have run the same trials.
+    """
     first = standings[0]
     columns = scope_columns(standings)
     OUT.print()
@@ -44,5 +50,5 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
 
 
 def _short(scope: str) -> str:
-    """Return a column's heading: for an axis its letter, so that the table fits a terminal."""
+    """Return the heading of a column. An axis is abbreviated to its letter, so that the table fits the terminal."""
     return "overall" if scope == "overall" else Axis(scope.removeprefix("axis:")).letter

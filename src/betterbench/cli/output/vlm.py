@@ -31,12 +31,13 @@ MOST_GROUPS = 12
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
-    """Print the scores of a run, the numbers of upstream programs, and the caveats of the comparison.
+    """Print the scores of a run, the scores computed by upstream programs, and the caveats of the comparison.
 
     Args:
-        benchmark: The benchmark.
-        run: The run.
-        acted: Diagnosis of a policy's run, whose illusion gap is shown next to the static one.
+        benchmark: Benchmark that was run.
+        run: Answers and scores of the model.
+        acted: Diagnosis of a policy's run. The policy's illusion gap in simulation is shown next to the model's static
+            gap, which is measured with questions about images.
     """
     score, columns = run.score, COLUMNS if run.extracted is not None else COLUMNS[:2]
     left_out = {AXIS} if score.gaps is not None else set()  # the table of gaps has the axes
@@ -56,7 +57,7 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
 
 
 def print_steps(table: StepTable) -> None:
-    """Print the scores of each row, and the steps between neighboring rows."""
+    """Print the scores of several runs in order, and the steps (changes of the scores) from one run to the next."""
     heads = {name: find_benchmark(name).title for name in table.benchmarks}
     rows = [
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
@@ -80,7 +81,7 @@ def print_steps(table: StepTable) -> None:
 
 
 def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
-    """Print the scores by part that the paper's Table 3 lists for a benchmark, such as EgoPlan-Bench2's domains."""
+    """Print a benchmark's scores for the parts listed in the paper's Table 3, such as the domains of EgoPlan-Bench2."""
     cells = {row.name: row.cells[benchmark] for row in table.rows if benchmark in row.cells}
     names = list(dict.fromkeys(part for cell in cells.values() for part in cell.parts))
     if names:
@@ -89,7 +90,7 @@ def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
 
 
 def _print_groups(table: StepTable) -> None:
-    """Print the groups of questions whose score a step changed significantly."""
+    """Print the groups of questions for which the score changed significantly from one run to the next."""
     if not table.groups:
         return
     moved = [group for group in table.groups if group.is_supported and not group.explained_by]
@@ -114,7 +115,10 @@ def _print_groups(table: StepTable) -> None:
 
 
 def _print_eyesight(compared: EyesightComparison) -> None:
-    """Print the smallest object size that a model reads at each resolution, or the reason why it is unknown."""
+    """Print for each image resolution the smallest object size at which a model answers correctly.
+
+    If this size cannot be inferred, the reason is printed.
+    """
     rows = []
     for eyes, alone in compared.alone.items():
         loss = None if compared.one.value is None else compared.one.further.get(eyes)
@@ -130,7 +134,7 @@ def _print_eyesight(compared: EyesightComparison) -> None:
 
 
 def print_prediction(table: PredictionTable) -> None:
-    """Print the static score and the illusion gap of each policy, and whether the score predicts the gap."""
+    """Print the static score and the illusion gap of each policy, and whether static scores predict illusion gaps."""
     rows = [
         [
             policy.name,
@@ -160,7 +164,7 @@ def _percent(value: float | None) -> str:
 
 
 def print_probe(finding: Finding) -> None:
-    """Print how well each coordinate order and scale explains a model's answers, and the inferred convention."""
+    """Print how well each order and scale of coordinates explains a model's answers, and the inferred convention."""
     rows = [
         [fit.scale, fit.order.replace("xy", "x, y").replace("yx", "y, x"), f"{fit.fitting}/{finding.readable}",
          "–" if finding.readable == 0 else f"{100 * fit.error:.0f} %"]
@@ -221,7 +225,10 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
 
 
 def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> None:
-    """Print the static illusion gaps by axis and by type, next to the acted gaps of a policy if its run is given."""
+    """Print a model's static illusion gaps (measured with questions about images) by axis and by type.
+
+    If the run of a policy is given, the illusion gaps of its actions are printed next to them.
+    """
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)
     heads = ["gap of", "pairs", "train", "varied", "static gap", "p", *(["acted gap"] if policy else [])]
@@ -248,11 +255,11 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
 
 
 def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> list[str]:
-    """Return sentences about the supported static gaps, and about where a policy loses more than the model.
+    """Return sentences about the statistically supported static gaps of a model, and about larger gaps of a policy.
 
     Args:
-        gaps: Static gaps.
-        policy: Acted illusion gap by "all" and axis; may be empty.
+        gaps: Static illusion gaps of the model.
+        policy: Illusion gaps of the policy when it acts, by axis or "all"; empty if there is no policy to compare.
     """
     supported = [gap for gap in gaps if gap.is_supported and gap.kind != "all"]
     words = ", ".join(f"{gap.name.replace('_', ' ')} ({100 * (gap.difference.value or 0.0):+.0f})" for gap in supported)
@@ -312,17 +319,17 @@ def _print_upstream(run: StaticRun) -> None:
 
 
 def percent_of(value: Fraction | None, digits: int = 2) -> str:
-    """Return a fraction in percent, rounded half up, or a dash."""
+    """Format a fraction in percent, rounded half up. None becomes a dash."""
     return "–" if value is None else str(round_half_up(100 * value, digits))
 
 
 def signed_percent_of(value: Fraction) -> str:
-    """Return a difference of fractions in percentage points with its sign."""
+    """Format a difference of two fractions in percentage points with its sign."""
     return f"{'+' if value >= 0 else ''}{percent_of(value)}"
 
 
 def print_source(benchmark: Benchmark, fetched: Sequence[FetchedFile] = ()) -> None:
-    """Print the data that a benchmark needs, with their source and terms of use."""
+    """Print the data files that a benchmark needs, with their source and terms of use."""
     source = benchmark.source
     rows = [
         [f.path, "unknown" if f.megabytes is None else f"{f.megabytes:g}", f.sha256 or "not published"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def print_set(made: QuestionSet) -> None:
-    """Print the number of questions of each type in a set, and the accuracy reachable without images."""
+    """Print how many questions of each type a set has, and the accuracy that can be reached without the images."""
     images = len({q.image for q in made.questions})
     title = f"{len(made.questions)} questions about {images} images, for {made.purpose}"
     rows = [
@@ -42,7 +42,7 @@ def print_set(made: QuestionSet) -> None:
 
 
 def print_scores(scores: Sequence[Score]) -> None:
-    """Print the scores of a model by type."""
+    """Print the scores of a model for each type of question."""
     rows = [
         [
             s.name,
@@ -84,7 +84,10 @@ def print_knowledge(known: Knowledge) -> None:
 
 
 def _print_groups(known: Knowledge) -> None:
-    """Print knowledge versus behavior by axis, variation and failure mode."""
+    """Print how often a model knows the right action, and how often the policy takes it.
+
+    The counts are grouped by axis, variation and failure mode.
+    """
     rows = [
         [
             group.name.replace("_", " "),
@@ -111,14 +114,14 @@ def _print_groups(known: Knowledge) -> None:
 
 
 def difference_in_points(difference: Difference) -> str:
-    """Return a difference with its interval in percentage points."""
+    """Format a difference with its interval in percentage points."""
     if difference.value is None:
         return "–"
     return f"{100 * difference.value:+.0f} ({difference.low_pp:+.0f} to {difference.high_pp:+.0f})"
 
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
-    """Print the accuracy of a learner's answers about its own trials, by condition."""
+    """Print how accurately a learner answers questions about its own trials, by condition."""
     columns = [
         "condition",
         "right cell",
@@ -140,10 +143,10 @@ def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
 
 
 def percent_of(k: int, n: int) -> str:
-    """Return a share in percent."""
+    """Format the fraction k / n in percent. The text is a dash if n is 0."""
     return str(percent(k, n)) if n else "–"
 
 
 def interval(rate: Rate) -> str:
-    """Return the confidence interval of a rate in percent."""
+    """Format the confidence interval of a rate in percent."""
     return f"{100 * rate.low:.0f} to {100 * rate.high:.0f} %"

@@ -1,1 +1,1 @@
-"""The subcommands of the command line, one file each; ``betterbench.cli.main`` imports only the chosen verb."""
+"""Subcommands of the command line, one file each. ``betterbench.cli.main`` imports only the subcommand that is run."""

@@ -1,4 +1,4 @@
-"""``better amplify``: demonstrations for new initial states, generated from a few source demonstrations."""
+"""``better amplify``: generate demonstrations for new initial states from a few source demonstrations."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def amplify_command(
     transit between skills is kept too, with height, side and speed varied by seed; if it would collide, a planner finds
     another path. A failed attempt is repeated with another source demonstration. A demonstration is accepted if it
     succeeds, remains successful while the robot holds still, and stays inside the certified training distribution. The
-    variety of the demonstrations is printed next to that of their sources. The same command resumes, also after Ctrl-C,
-    and a larger --demos adds demonstrations.
+    variety of the demonstrations is printed next to the variety of their sources. The same command resumes an
+    interrupted job, and a larger --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 
@@ -43,9 +43,10 @@ def amplify_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000000 if not given.
         attempts: Maximum attempts per initial state, each with a different primary source demonstration.
-        select: How to choose the source demonstration of each subgoal: any, by the position of its object, or by the
-            initial pose of its motion.
-        noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
+        select: How to choose the source demonstration for each subgoal: at random, by the nearest position of the
+            object, or by the nearest initial pose of the motion.
+        noise: Standard deviation of the noise added to the executed actions, in action units; the recorded actions are
+            free of this noise.
         workers: Number of worker processes; default: one per CPU core.
         films: Render a video of the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.

@@ -35,7 +35,7 @@ def check_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Certify mesh files, folders of mesh files, and registered assets; the status is 1 if one fails.
+    """Certify mesh files, folders of mesh files, and registered assets. The exit status is 1 if an asset fails.
 
     Example: better assets check mug.glb --kind "coffee mug" --picture mug.png
 
@@ -45,10 +45,10 @@ def check_command(
         color: Color word; default: the color that covers most of the surface.
         size_m: Longest side in meters; by default inferred from the format and the kind.
         mass_kg: Mass in kilograms; by default inferred from the file or the kind.
-        up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
+        up: Axis of the file that points up, such as --up=-z; auto chooses the axis from the format and the kind.
         freeze: Fix the movable joints of a URDF or MJCF file; without this option, such a file is rejected.
         license: License to assume for files that do not state one.
-        picture: PNG or JPEG file to write: visible parts, collision parts and resting pose.
+        picture: PNG or JPEG file to write, which shows the visible parts, the collision parts and the resting pose.
         out: Folder for the certificates; the same command resumes with the remaining assets.
         overwrite: Replace files that better assets did not write.
         json: Print one JSON document instead of a table.
@@ -70,10 +70,10 @@ def _check(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Certify assets and print the results; exit with status 1 if an asset fails.
+    """Certify assets and print the results. Exit with status 1 if an asset fails.
 
     Raises:
-        InvalidInputError: If no asset is given, or the format of the picture is not supported.
+        InvalidInputError: If no asset is given, or the picture is neither a PNG nor a JPEG file.
         UnknownNameError: If an asset is neither a file nor registered.
     """
     from betterbench.sim.asset_checks.job import certify_targets, targets_of
@@ -123,7 +123,7 @@ def _failures(certificate: AssetCertificate) -> str:
 
 
 def _write_pictures(judged: Sequence[tuple[Target, AssetCertificate]], out: Path, *, overwrite: bool) -> None:
-    """Write a sheet with the visible parts, collision parts and resting pose of each imported asset."""
+    """Write an image file that shows the visible parts, collision parts and resting pose of each imported asset."""
     from PIL import Image
 
     from betterbench.evaluation.figures.show import image_file

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """Options for the imported objects; None for options that were not given."""
+    """Options for the imported objects. An option that was not given is None."""
 
     name: str | None
     kind: str | None
@@ -57,25 +57,26 @@ def import_command(
 ) -> None:
     """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or catalogue ids, as assets.
 
-    The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes.
+    The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes
+    an interrupted import.
 
     Example: better assets import mug.glb --kind "coffee mug" --out my_assets
 
     Args:
         files: Files and catalogue ids to import.
         catalogue: Catalogue folder; by default in the user's cache.
-        name: Name of the asset in tasks, for a single file.
+        name: Name of the asset in tasks; only for a single file.
         kind: Name or description that determines the kind, such as "coffee mug"; default: the file name.
         color: Color word; default: the color that covers most of the surface.
         size_m: Longest side in meters; by default inferred from the format and the kind.
         mass_kg: Mass in kilograms; by default inferred from the file or the kind.
-        up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
+        up: Axis of the file that points up, such as --up=-z; auto chooses the axis from the format and the kind.
         freeze: Fix the movable joints of a URDF or MJCF file; without this option, such a file is rejected.
         license: License to assume for files that do not state one.
         any_license: Also import files with a restricted or unknown license.
         author: Author to record for files that do not state one.
-        workers: Number of files imported at once.
-        out: Folder of the assets.
+        workers: Number of files to import in parallel.
+        out: Folder for the imported assets.
         overwrite: Replace files that better assets did not write.
         json: Print one JSON document instead of a table.
     """
@@ -110,9 +111,11 @@ def _import(
     from betterbench.sim.assets.folders.manifest import manifest_of
 
     if out is None:
-        raise InvalidInputError("--out", "the folder for the assets is missing", "Add --out my_assets")
+        raise InvalidInputError(
+            "--out", "no folder for the imported assets is given", "Name a folder, for example --out my_assets"
+        )
     if not given:
-        raise InvalidInputError("assets import", "no file was given", "Give mesh, URDF or MJCF files")
+        raise InvalidInputError("assets import", "no file was given", "Name the mesh, URDF or MJCF files to import")
     one_only = {
         "--name": options.name,
         "--size-m": options.size_m,
@@ -121,7 +124,9 @@ def _import(
     }
     for option, value in one_only.items():
         if value is not None and len(given) > 1:
-            raise InvalidInputError(f"--{option}", f"{len(given)} files were given", "Import that file alone")
+            raise InvalidInputError(
+                option, f"{len(given)} files were given", "Import one file at a time with this option"
+            )
     for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
         if number is not None and not 0.0 < number < 100.0:
             raise InvalidInputError(
@@ -144,7 +149,9 @@ def _import(
     else:
         _print(out, report, assets)
     if report.failed and not (report.made or report.kept):
-        raise InvalidInputError("assets import", "no file could be imported", "See the reasons above")
+        raise InvalidInputError(
+            "assets import", "no file could be imported", "Read the reasons printed above, and correct the files"
+        )
 
 
 def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> list[ImportRequest]:
@@ -157,7 +164,11 @@ def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> 
 
 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
-    """Return catalogue rows by id. Without a catalogue, raise InvalidInputError for the missing file."""
+    """Return the catalogue rows with the given ids.
+
+    If there is no catalogue and the first id looks like a file name, the raised InvalidInputError is about a missing
+    file.
+    """
     from betterbench.sim.assets.catalogue.search import Catalogue
 
     if not ids:
@@ -168,7 +179,7 @@ def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
     except InvalidInputError as error:
         if Path(ids[0]).suffix:
             raise InvalidInputError(
-                ids[0], "the file does not exist", "Give a file, or an id of the catalogue"
+                ids[0], "the file does not exist", "Give an existing file, or the id of an asset in the catalogue"
             ) from error
         raise
 
@@ -193,7 +204,10 @@ def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
 
 
 def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
-    """Return the import request for a catalogue row. Given options override its name, license and author."""
+    """Return the import request for a catalogue row.
+
+    Options that were given override the row's name, license and author.
+    """
     from betterbench.sim.assets.folders.rows import request_of_row
 
     return request_of_row(entry, _of_file(Path(entry.path), options))

@@ -25,7 +25,7 @@ def index_command(
     encoder: str = "minilm",
     json: bool = False,
 ) -> None:
-    """Add asset sources to the catalogue: procedural, folders of meshes, or objaverse.
+    """Add asset sources to the catalogue: built-in generators, folders of meshes, or Objaverse.
 
     Running the command again reads only changed files, and resumes after an interruption.
 
@@ -34,11 +34,11 @@ def index_command(
     Args:
         sources: Sources to index: procedural (built-in generators, the default), folders of meshes, objaverse.
         catalogue: Catalogue folder; by default in the user's cache.
-        name: Name of the source in the catalogue, for a single source.
+        name: Name of the source in the catalogue; only for a single source.
         license: License to assume for files that do not state one.
         author: Author to record for files that do not state one.
-        encoder: Text encoder for the search by meaning: minilm, sentence-transformers:MODEL, or none to search by words
-            only.
+        encoder: Text encoder for the search by meaning: minilm or sentence-transformers:MODEL. With none, the catalogue
+            can be searched by words only.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.indexing import index_sources
@@ -72,7 +72,10 @@ def index_command(
 
 
 def _encoder(name: str) -> tuple[TextEncoder | None, str]:
-    """Return an encoder by name, and a message if the default encoder is not available."""
+    """Return the text encoder with the given name, and an empty message.
+
+    If this is the default encoder and it is not installed, return None and a message with the command that installs it.
+    """
     from betterbench.sim.assets.catalogue.encoders import DEFAULT, open_encoder
 
     if name == "none":

@@ -33,7 +33,7 @@ def search_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Search assets by words and meaning.
+    """Search for assets by words and meaning.
 
     Assets whose license forbids commercial use or changes, or is unknown, are omitted unless --license any is given.
 
@@ -44,13 +44,13 @@ def search_command(
         catalogue: Catalogue folder; by default in the user's cache.
         license: Licenses to include: free (the default) or any.
         limit: Maximum number of assets to list.
-        num: Number of matching assets to choose, which differ in shape and color.
+        num: Instead of the best matches, choose this number of matching assets that differ in shape and color.
         seed: Seed for the choice of --num assets.
         source: Search only this source.
         max_faces: Maximum number of triangles in an asset.
-        max_size: Maximum size of an asset in meters, measured along its longest side.
-        min_size: Minimum length of the longest side in meters.
-        out: PNG or JPEG file for a sheet of pictures with scores and licenses.
+        max_size: Maximum length of an asset's longest side in meters.
+        min_size: Minimum length of an asset's longest side in meters.
+        out: PNG or JPEG file to write, with a picture, score and license of each asset.
         overwrite: Replace a file that better assets did not write.
         json: Print one JSON document instead of a table.
     """
@@ -60,7 +60,9 @@ def search_command(
 
     if license not in (None, "free", "any"):
         raise InvalidInputError(
-            "--license", f"{license!r} is not a choice of --license", "Add --license any to include all licenses"
+            "--license",
+            f"expected 'free' or 'any', got {license!r}",
+            "Use --license any to include assets with any license",
         )
     filters = Filters(
         license="any" if license == "any" else "free",
@@ -80,7 +82,10 @@ def search_command(
 def _found(
     opened: Catalogue, query: str, *, limit: int, num: int | None, seed: int, filters: Filters
 ) -> list[tuple[str, Hit]]:
-    """Return the hits of a query by asset id, or the selection for ``--num``."""
+    """Return the assets that match a query, as pairs of asset id and search hit.
+
+    If ``num`` is given, return this number of matching assets that differ in shape and color.
+    """
     from betterbench.sim.assets.catalogue.variety import choose_different
 
     if num is not None:
@@ -103,7 +108,10 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the message that the catalogue has no text embeddings, and the command that adds them."""
+    """Return the message that a search compared only words, not meanings.
+
+    The message includes the command that adds text embeddings to the catalogue.
+    """
     from betterbench.installation import EXTRAS, extra_command
 
     install = "" if EXTRAS["assets"].is_installed else f"{extra_command('assets')}, then "

@@ -1,4 +1,4 @@
-"""``better assets``: overview of its nested commands; each nested command has its own module."""
+"""``better assets``: overview of the nested commands. Each nested command has its own module."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ What = Literal["index", "search", "show", "licenses", "import", "check"]
 def assets_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="COMMAND")]) -> None:
     """Index, search, show, import or check assets, or list their licenses.
 
-    index adds asset sources to the catalogue: procedural, folders of meshes, objaverse.
+    index adds asset sources to the catalogue: built-in generators, folders of meshes, Objaverse.
 
     search finds assets by description.
 
@@ -29,6 +29,6 @@ def assets_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(met
     Example: better assets search "a shiny red apple" --out sheet.png
 
     Args:
-        what: index, search, show, licenses, import or check.
+        what: Nested command: index, search, show, licenses, import or check.
     """
     raise AssertionError(f"this function cannot run 'better assets {what}'; call betterbench.cli.main instead")

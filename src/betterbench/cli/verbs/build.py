@@ -41,9 +41,9 @@ def build_command(
 
     Args:
         scenarios: Scenario files written by better generate, or folders with such files.
-        out: Output folder of the build, which contains the suite folder.
-        build: Options of the build.
-        overwrite: Replace files in the folder that better build did not write.
+        out: Output folder of the build. The suite is written to a folder inside it.
+        build: Options for building and certifying tasks.
+        overwrite: Replace files in the output folder that better build did not write.
         json: Print one JSON document instead of a table.
     """
     build_and_tell(read_scenarios(scenarios), out, build, overwrite=overwrite, json=json)
@@ -53,8 +53,8 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
     """Read scenarios from files and folders, ordered by path and then by the number in the file name.
 
     Raises:
-        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, the groups
-            of its objects differ from the template's, or two objects have the same name.
+        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, the object
+            groups of a scenario differ from those of its template, or two objects have the same name.
     """
     from betterbench.generation.scenario_form import scenario_from_json
     from betterbench.generation.sense import require_groups
@@ -75,7 +75,7 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
 
 
 def _by_number(file: Path) -> tuple[int, str]:
-    """Order "1000_name.json" after "999_name.json", and files without a number last."""
+    """Return a sort key that puts "1000_name.json" after "999_name.json", and files without a number last."""
     number = file.name.partition("_")[0]
     return (int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 10**10), file.name
 
@@ -83,7 +83,10 @@ def _by_number(file: Path) -> tuple[int, str]:
 def build_and_tell(
     scenarios: Sequence[Scenario], out: Path, build: BuildOptions, *, overwrite: bool, json: bool
 ) -> None:
-    """Build scenarios, draw the cards, measure the power if requested, write the page, and print the outcome."""
+    """Build and certify tasks from scenarios, write a page about them, and print the outcome.
+
+    Picture cards of the tasks are drawn too. If requested, it is measured which faults each variation can expose.
+    """
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.generation.building.job import build_suite
     from betterbench.jobs.outputs import OutputFolder
@@ -123,7 +126,7 @@ def build_and_tell(
 
 
 def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
-    """Print the imported meshes, and the matching meshes that could not be imported, with the reason."""
+    """Print the names of the imported meshes, and the reason for each matching mesh that could not be imported."""
     from betterbench.generation.building.importing import IMPORTED
 
     for row, problem in imported.refused:
@@ -133,7 +136,10 @@ def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
 
 
 def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[str, str]:
-    """Draw the missing cards of certified tasks, and return the addresses of the cards by task."""
+    """Draw the picture cards that certified tasks still lack.
+
+    Return the path of each task's card, relative to ``out``.
+    """
     from betterbench.evaluation.figures.show import image_file, show_card
     from betterbench.jobs import write_durably
     from betterbench.jobs.outputs import mark_of
@@ -154,7 +160,10 @@ def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[st
 
 
 def power_of_suite(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
-    """Run the faulty decision rules on every variation of the suite, and write the power matrix into its folder."""
+    """Run policies with faulty decision rules on every variation of a suite.
+
+    The results form the power matrix, which is written into the suite's folder.
+    """
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably
     from betterbench.tasks.suite_folder import POWER

@@ -1,4 +1,4 @@
-"""``better calibrate``: diagnosis accuracy and the suite's power, measured on policies with known faults."""
+"""``better calibrate``: test the diagnosis and the power of a suite on policies with known faults."""
 
 from __future__ import annotations
 
@@ -64,7 +64,8 @@ def calibrate_command(
         family: Set of policies: the faulty policies, or a part of the independent family. The part development was used
             to develop the diagnosis. The other parts (held_out, second and so on) were each used only once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
-        power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
+        power: Measure the power matrix instead. The trials of the matrix are fixed, so that only tasks, out and workers
+            can be given.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
             the other tasks are copied from the packaged file if they have not changed.
         overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
@@ -109,7 +110,10 @@ def calibrate_command(
 
 
 def _family(part: str) -> ModuleType:
-    """Return the module that measures the diagnosis on the independent family; it is not part of the wheel."""
+    """Return the module that calibrates on the independent family of policies.
+
+    The module belongs to the separate package betterbench-calibration.
+    """
     return calibration_module("family", f"--family {part} needs betterbench-calibration, which is not installed")
 
 
@@ -128,7 +132,7 @@ def _check_options(
     from betterbench.tasks import suite_tasks
 
     if write_package and (policies or (tasks and not power and set(tasks) != set(suite_tasks("better60")))):
-        problem = "it replaces the packaged file of the full suite"
+        problem = "it replaces the packaged file, which is about all tasks and policies of the suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
     if power and (policies or strengths != STRENGTHS or trials is not None or seed != 0 or family != "faulty"):
         raise InvalidInputError(
@@ -145,7 +149,7 @@ def _check_options(
 
 
 def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bool, as_json: bool) -> None:
-    """Measure the power matrix, write it and its page, and print a summary."""
+    """Measure the power matrix, write it and its HTML page, and print a summary."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.cli.output.calibration import print_power
     from betterbench.tasks.user_files import suite_folder_of
@@ -166,15 +170,16 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
 
 @contextmanager
 def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
-    """Yield a callback that advances a progress bar."""
+    """Show a progress bar, and yield the callback that advances it."""
     with progress_bar(title, 0) as (bar, task):
         yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
 
 
 def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, tasks: Sequence[str]) -> Path:
-    """Write a power matrix, also into the package if requested, and return the path of its page.
+    """Write a power matrix and its page, and return the path of the page.
 
-    If only a part of the suite was measured, the packaged cells of its other tasks are kept.
+    If requested, also write the packaged file. If only some tasks of the suite were measured, the packaged file keeps
+    its values for the other tasks.
     """
     from betterbench.diagnosis.measures.power_matrix import packaged_matrix_name, packaged_power_matrix
     from betterbench.jobs import write_durably
@@ -195,7 +200,10 @@ def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, tasks: S
 def _store(
     found: Calibration, out: Path, family: str, *, tasks: Sequence[str], films: int, write_package: bool
 ) -> Path:
-    """Write a calibration, also into the package if requested, and return the path of its page."""
+    """Write a calibration and its page, and return the path of the page.
+
+    If requested, also write the packaged file.
+    """
     from betterbench.cli.output.calibration import film_strips
     from betterbench.diagnosis.measures.confusion import packaged_file
     from betterbench.diagnosis.measures.power_matrix import measured_on, power_cure

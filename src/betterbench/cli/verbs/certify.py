@@ -35,9 +35,9 @@ def certify_command(
 ) -> None:
     """Certify that trials can be solved with trained motions, begin at rest, and match the premise of the instruction.
 
-    better eval plans the same trials for the same tasks, trials and seed. Ctrl-C keeps finished trials; the
-    same command resumes. The exit status is 0 even if a clause fails; such trials are listed, and better eval rejects
-    them.
+    better eval plans the same trials if it gets the same tasks, trials and seed. Ctrl-C keeps finished trials; the same
+    command resumes. The exit status is 0 even if a trial fails a clause of the certificate. Failed trials are listed,
+    and better eval rejects them.
 
     With --demonstrations, the command measures that number of expert demonstrations per task instead of certifying. The
     measured release positions are needed for the certificate and for the poses of pre-placed objects. Do this once for
@@ -54,7 +54,7 @@ def certify_command(
         workers: Number of worker processes; default: one per CPU core.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Appearance of objects and rooms: seen (in demonstrations) or unseen.
-        arm: The robot.
+        arm: Option that selects the robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
@@ -73,19 +73,19 @@ def certify_command(
 
     of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
     if write_package and arm != USUAL_OPTION:
-        problem = "the packaged files are for the robot for which the tasks are laid out"
+        problem = "the packaged files are for the robot for which the tasks were designed"
         raise InvalidInputError("--write-package", problem, "Leave out --robot")
     robot = arm.of(tasks or of_suite)
     of_package = arm.of(of_suite)
     if write_package and demonstrations is None and robot != of_package:
-        problem = f"the certificate of {suite} is for robot {of_package!r}, but these tasks are laid out for {robot!r}"
+        problem = f"the certificate of {suite} is for robot {of_package!r}, but these tasks are for {robot!r}"
         raise InvalidInputError("--write-package", problem, "Give the suite of these tasks with --suite")
     if write_package and suite not in SUITES:
         raise InvalidInputError(
             "--write-package", f"{suite} is not a packaged suite", f"Choose one of {', '.join(SUITES)}"
         )
     if write_package and demonstrations is None and looks != "seen":
-        raise InvalidInputError("--write-package", "the packaged certificate has the seen looks", "Leave out --looks")
+        raise InvalidInputError("--write-package", "the packaged certificate is for --looks seen", "Leave out --looks")
     kept = None
     if write_package and demonstrations is None and tasks:
         rest = [name for name in of_suite if name not in tasks]
@@ -127,7 +127,7 @@ def certify_command(
 
 
 def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, robot: str, write_package: bool) -> None:
-    """Measure demonstrations and write the measurements to files."""
+    """Measure expert demonstrations of each task, and write the measurements to files."""
     from betterbench.certification.measuring import destination, measure, write_demonstrations
     from betterbench.tasks import get_task
 
@@ -154,7 +154,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
 
 
 def _write_package(certificate: Certificate, kept: Coverage | None, suite: str, tasks: tuple[str, ...]) -> None:
-    """Write the compact form of a certificate into the package, with the packaged coverage of the other tasks."""
+    """Write the compact form of a certificate into the package. The packaged entries of the other tasks are kept."""
     from betterbench.certification.coverage import Coverage, packaged_name
     from betterbench.certification.runner import write_coverage
 

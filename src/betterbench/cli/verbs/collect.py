@@ -1,4 +1,4 @@
-"""``better collect``: expert demonstrations in varied motion styles."""
+"""``better collect``: collect expert demonstrations in varied motion styles."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def collect_command(
 ) -> None:
     """Collect expert demonstrations for each training condition, and save them as a run.
 
-    The seed draws the motion style of each demonstration: speed, side and height of the approach, pauses, detours, and
-    grasps that miss and are corrected. The initial states cover the training distribution evenly, and test seeds are
-    never used. Ctrl-C keeps finished demonstrations; the same command resumes, and a larger --demos adds more.
+    The seed determines the motion style of each demonstration: speed, side and height of the approach, pauses, detours,
+    and grasps that miss and are corrected. The initial states cover the training distribution evenly, and test seeds
+    are never used. Ctrl-C keeps finished demonstrations; the same command resumes, and a larger --demos adds more.
 
     Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
 
@@ -37,7 +37,7 @@ def collect_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
         attempts: Maximum attempts per initial state, each in a different motion style.
-        arm: The robot.
+        arm: Option that selects the robot.
         workers: Number of worker processes; default: one per CPU core.
         films: Render a video of the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.

@@ -1,4 +1,4 @@
-"""``better compare``: comparison of policies, overall and by group, with the smallest detectable differences."""
+"""``better compare``: compare policies, overall and by group, and state the smallest detectable differences."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def compare_command(
         runs: Two or more run folders, or files written by better export.
         name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
-        alpha: Level of the tests; intervals have confidence 1 - alpha.
+        alpha: Significance level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that remain valid however often unfinished runs are inspected.
         allow_mixed: Compare runs even if their versions or engines differ.
         fail_if_worse: For continuous integration: exit with status 1 if the first run is significantly worse than
@@ -75,9 +75,9 @@ def compare_command(
         _static(runs, static, name, alpha=alpha, column=column or "parsed", paper=paper, json=json)
         return
     if paper:
-        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave it out")
+        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave out --paper")
     if column is not None:
-        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave it out")
+        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave out --column")
     folders = [RunFolder.open(path) for path in runs if path.is_dir()]
     if len(folders) == len(runs) and is_across(folders):
         if sequential or fail_if_worse:
@@ -86,7 +86,9 @@ def compare_command(
         _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:
-        raise InvalidInputError("--out", "all runs are of one suite", "Leave out --out, or use `better report`")
+        raise InvalidInputError(
+            "--out", "it applies only to runs of several suites", "Leave out --out, or use `better report`"
+        )
     with progress_bar("diagnosing", 0, stays=False) as (bar, task):
 
         def told(run: str, done: int, planned: int) -> None:
@@ -151,9 +153,9 @@ def _audited() -> Any:  # noqa: ANN401 - an Audit of betterbench-calibration, wh
 def _prediction(
     runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str
 ) -> PredictionTable:
-    """Return the correlation between static scores and illusion gaps of the same policies.
+    """Test whether the static scores of policies predict their illusion gaps.
 
-    The two runs of a policy are matched by name. Without names, they are matched by order.
+    A policy's run of better vlm and its run of better eval are matched by name, or by order if no names are given.
     """
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder
@@ -162,7 +164,7 @@ def _prediction(
 
     if name and len(name) != len(runs):
         problem = f"got {len(name)} names for {len(runs)} runs"
-        raise InvalidInputError("--name", problem, "Give --name once per run, or leave it out")
+        raise InvalidInputError("--name", problem, "Give --name once per run, or leave out --name")
     acted = [path for path in runs if path not in static]
     if any(not path.is_dir() for path in acted):
         other = next(path for path in acted if not path.is_dir())
@@ -200,7 +202,7 @@ def _across(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Compare runs of several suites in one table."""
+    """Compare runs of several suites, and print the results in one table."""
     from betterbench.cli.output.across import print_across, write_across
     from betterbench.comparison.across import gaps_of, read_suite_runs, world_table
     from betterbench.jobs.outputs import OutputFolder

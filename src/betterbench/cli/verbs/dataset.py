@@ -1,4 +1,4 @@
-"""``better dataset``: a training set with its manifest, dataset card, statistics and shortcut audit."""
+"""``better dataset``: make a training set with its manifest, dataset card, statistics and shortcut audit."""
 
 from __future__ import annotations
 
@@ -58,10 +58,11 @@ def dataset_command(
         sources: Expert demonstrations per training condition from which the others are generated; with 0 or --pairs,
             the expert makes all demonstrations.
         seed: First seed, 1000000 or above.
-        noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
-        validation: Share of the seeds held out for validation.
-        pairs: Make twins: in conditions with the same scene, the expert moves identically until the instructions
-            require different motions.
+        noise: Standard deviation of the noise added to the executed actions, in action units; the recorded actions are
+            free of this noise.
+        validation: Fraction of the seeds held out for validation.
+        pairs: Make pairs of twins: in conditions with the same scene, the expert moves identically until the
+            instructions require different motions.
         expect: Expected hash of the set, as printed on another machine; the command fails if the hash differs.
         sign: Private SSH key with which prediction.json is signed.
         workers: Number of worker processes; default: one per CPU core.
@@ -83,13 +84,15 @@ def dataset_command(
     _tell(made, seconds, as_json=json)
     if expect is not None and made.sha256 != expect:
         cure = "Use the same betterbench version, kind of machine and arguments to make the same set"
-        raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
+        raise InvalidInputError("--expect", f"the set has a different hash, {made.sha256}", cure)
 
 
 def _require_hash(text: str | None) -> None:
     if text is not None and not re.fullmatch("[0-9a-f]{64}", text):
         raise InvalidInputError(
-            "--expect", f"{text!r} is not the hash of a set", "Give the 64 hexadecimal digits that were printed"
+            "--expect",
+            f"{text!r} is not the hash of a set",
+            "Give the 64 hexadecimal digits that better dataset printed",
         )
 
 

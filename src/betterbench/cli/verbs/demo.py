@@ -1,4 +1,4 @@
-"""``better demo``: the expert and three faulty policies on two tasks, with a report on their failures."""
+"""``better demo``: evaluate the expert and three faulty policies on two tasks, and report their failures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def demo_command(
     Example: better demo --out runs/demo
 
     Args:
-        out: Folder of the runs and the report.
+        out: Folder for the runs and the report.
         trials: Trials per variation.
         workers: Number of worker processes; default: one per CPU core.
         films: Maximum number of videos in the report; other failures are shown as one image. 0 renders nothing.

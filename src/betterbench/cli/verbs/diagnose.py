@@ -1,4 +1,4 @@
-"""``better diagnose``: a label and its evidence for each trial."""
+"""``better diagnose``: assign a label with evidence to each trial of a run."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def diagnose_command(
 def _document(
     result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
 ) -> dict[str, Any]:
-    """Return the JSON document for ``--json``."""
+    """Return the JSON document that ``--json`` prints."""
     from betterbench.report.headline import headline_of
 
     document = {
@@ -100,11 +100,11 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
 @contextmanager
 def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
-    """Report an error while a result is stored, and continue, so that the result is still printed.
+    """Report an error that occurs while a result is being stored, and continue, so that the result is still printed.
 
     Args:
-        consequence: Beginning of the message.
-        path: File to write.
+        consequence: Beginning of the message, which states the consequence of the error.
+        path: File that was to be written.
     """
     try:
         yield
@@ -117,7 +117,7 @@ def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
 def _print(
     result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
 ) -> None:
-    """Print the tables, followed by the verdict in one line."""
+    """Print the tables of a diagnosis, followed by the verdict in one line."""
     from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
     from betterbench.cli.output.standing import print_standing
     from betterbench.cli.output.vqa import print_knowledge
@@ -140,7 +140,7 @@ def _print(
 def _knowledge(
     folder: RunFolder, result: RunDiagnosis, answers: Path, questions: Path | None, *, keep: bool
 ) -> Knowledge:
-    """Compare a model's answers with the run, and store the comparison for the report."""
+    """Compare a model's answers with the policy's behavior in a run, and store the comparison for the report."""
     from betterbench.vqa.asking import read_answers
     from betterbench.vqa.dataset import SET_NAME, read_set
     from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge

@@ -1,4 +1,4 @@
-"""``better doctor``: checks of this installation, with remedies, and the preflight check of a policy."""
+"""``better doctor``: check this installation and print remedies, or try out a policy before a run."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def doctor_command(
         task: Task whose initial observation is sent to the policy.
         condition: Condition of that task; default: its first training condition.
         seed: Trial seed.
-        action_space: Action space of the planned run; the policy's own if not given.
+        action_space: Action space of the planned run; default: the action space that the policy declares.
         observation: Observation preset of the planned run: default, official or state_only.
         quality: Render preset: fast, standard or high.
         arm: The robot of the planned run.
-        proof: Replay a demonstration; up to 100 requests.
+        proof: Replay a demonstration, which takes up to 100 requests.
         out: PNG file to write; doctor-POLICY.png if not given.
         overwrite: Replace a file that better doctor did not write.
         json: Print one JSON document instead of a table.
@@ -86,7 +86,7 @@ def _require_proof(found: PreflightCheck) -> None:
 
 
 def _check_machine(*, json: bool) -> None:
-    """Print which features work on this machine; raise BetterError if a check fails."""
+    """Print which features work on this machine. Raise BetterError if a check fails."""
     from betterbench.cli.checks import run_checks
 
     checks = run_checks()

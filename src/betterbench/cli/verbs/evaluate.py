@@ -1,4 +1,4 @@
-"""``better eval``: run a policy over the suite."""
+"""``better eval``: run a policy on the trials of a suite."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
-"""Time from the first steps to the first estimate, and until a progress line that reports no step yet [s]."""
+"""Time from the first steps to the first estimate of the duration, and time between progress lines as long as no steps
+have been reported [s].
+"""
 
 LOG_EVERY_S = 60.0
 """Interval between progress lines if there is no terminal to draw a bar on [s]."""
@@ -33,7 +35,7 @@ LOG_EVERY_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class TrialOptions:
-    """Trials and conventions of a run.
+    """Options that select the trials and the conventions of a run.
 
     Attributes:
         suite: Suite that contains the tasks (see better list suites); LIBERO and CALVIN suites run in those worlds.
@@ -42,8 +44,8 @@ class TrialOptions:
         trials: Trials per variation, default 20. In LIBERO: initial states per task, default from the protocol. In
             CALVIN: number of chains, default 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: The policy's action space; default: the robot's usual one (ee_delta of the Panda), and in another
-            world the space given in the policy address.
+        action_space: The policy's action space; default: the usual action space of the robot (ee_delta for the Panda),
+            and in other worlds the action space given in the policy address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Appearance of objects and rooms: seen (in demonstrations) or unseen.
@@ -64,13 +66,13 @@ class TrialOptions:
 
 
 USUAL_TRIALS = 20
-"""Trials per variation by default."""
+"""Default number of trials per variation."""
 
 MANY_TRIALS = 200
 """Number of trials above which a smaller run is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task of the suggested smaller run (the one with the shortest trials), and its number of trials per variation."""
+"""Task of the suggested smaller run, which is the task with the shortest trials, and number of trials per variation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,7 @@ class RayOptions:
     replica_gpus: float | None = None
 
     def cluster(self) -> Cluster:
-        """Return the cluster that executes the run."""
+        """Return the Ray cluster that executes the run."""
         from betterbench.evaluation.ray_engine.cluster import Cluster
 
         return Cluster(self.ray_address, 1 if self.replicas is None else self.replicas, self.replica_gpus)
@@ -156,11 +158,11 @@ def evaluate_command(
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Policy address (see better list policies); with --from, a policy that replaces the one of that run.
+        policy: Policy address (see better list policies); with --from, a policy to run instead of that run's policy.
         out: Run folder; runs/POLICY if not given.
         from_run: Folder or run.json of another run, whose trials, seeds, conventions and policy are repeated.
-        chosen: The trials and the conventions.
-        arm: The robot.
+        chosen: Options that select the trials and the conventions.
+        arm: Option that selects the robot.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Number of worker processes; default: one per CPU core.
         envs: Number of environments per worker, so that simulation continues while the policy computes; default: chosen
@@ -175,7 +177,7 @@ def evaluate_command(
         allow_other_versions: With --from, repeat the run even if relevant versions differ.
         trust: With --from or --run-file, allow the file to run code or to send an API key.
         allow_changed_policy: Resume although the policy's declarations have changed since the run began.
-        explain_power: Print in detail which drops the trials can show.
+        explain_power: Print in detail which drops in success the trials can show.
         json: Print one JSON document at the end.
     """
     from betterbench.sim.worlds import world_of_suite
@@ -216,9 +218,10 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Print the number of trials and the drops that they can detect; for a large plan, also suggest a smaller run.
+    """Print the number of trials and the smallest drops that they can detect. For a large plan, suggest a smaller run.
 
-    ``certified`` contains the options for robot and certificate; None if the plan comes from another run.
+    ``certified`` contains the command-line options for robot and certificate. It is None if the plan is that of another
+    run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -234,7 +237,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return "N trials: COMMAND" for a small part of a plan, or an empty string if the plan is small."""
+    """Return "N trials: COMMAND" for a small part of a plan, or an empty string if the plan itself is small."""
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -259,14 +262,14 @@ def _plan(
     allow_other_versions: bool,
     trust: bool,
 ) -> Plan:
-    """Return the plan described by the options, or the plan of the run to repeat."""
+    """Return the plan that the options describe, or the plan of the run that is to be repeated."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it only applies to a repeated run", "Give --from too, or drop this option"
+            "--allow-other-versions", "it applies only to a repeated run", "Add --from RUN, or leave out this option"
         )
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)
@@ -278,7 +281,9 @@ def _plan(
             say(f"Policy named in {from_run}: {plan.policy}")
         return plan
     if policy is None:
-        raise InvalidInputError("--policy", "no policy is given", "Give its address, or --from RUN to repeat a run")
+        raise InvalidInputError(
+            "--policy", "no policy is given", "Give a policy address, or --from RUN to repeat a run"
+        )
     options = asdict(chosen) | asdict(arm)
     del options["suite"]
     options["trials"] = USUAL_TRIALS if chosen.trials is None else chosen.trials
@@ -313,12 +318,15 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
 
 
 def _changed(world: WorldOptions) -> dict[str, Any]:
-    """Return the options with non-default values, by name."""
+    """Return the options that differ from their defaults, by name."""
     return {f.name: getattr(world, f.name) for f in fields(world) if getattr(world, f.name) != f.default}
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Reject the first option that does not apply in the run's world, and name a world in which it does."""
+    """Reject the first option that does not apply in the world of the run.
+
+    The message names the worlds in which it applies.
+    """
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed
 
@@ -335,7 +343,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
 
 
 def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str, cure: str) -> None:
-    """Reject the first option with a non-default value."""
+    """Reject the first option that differs from its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
             option = f"--{field.name.replace('_', '-')}"
@@ -352,14 +360,14 @@ def _require_certified(plan: Plan, certificate: Path | None) -> None:
 
 
 def default_folder(policy: str) -> str:
-    """Return the default folder for a policy's runs."""
+    """Return the default name of the folder for a policy's runs."""
     return default_name(policy, otherwise="policy")
 
 
 def prepare_robot(name: str | None = None) -> None:
-    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them.
+    """Store simplified meshes of a robot in the cache while showing a progress bar. Later runs reuse these meshes.
 
-    Without a name, the usual robot is prepared.
+    If no robot is named, the default robot is prepared.
     """
     from betterbench.interface.actions import USUAL_ROBOT
     from betterbench.sim.worlds import OWN_WORLD
@@ -368,7 +376,7 @@ def prepare_robot(name: str | None = None) -> None:
 
 
 def prepare_robots_of(tasks: Iterable[str]) -> None:
-    """Prepare the robots that tasks are laid out for, or the usual robot without tasks."""
+    """Prepare the robots for which the tasks were designed. If there are no tasks, prepare the default robot."""
     from betterbench.tasks import get_task
 
     for name in dict.fromkeys(get_task(task).robot for task in tasks) or (None,):
@@ -439,7 +447,7 @@ class _RunLine:
         self._show(progress)
 
     def step(self, steps: int) -> None:
-        """Show the progress after workers have reported steps."""
+        """Show the progress when the workers have reported how many steps they executed."""
         self._outlook.see(steps)
         if self._progress is None:
             return
@@ -460,11 +468,10 @@ class _RunLine:
 
 
 def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
-    """Run a plan with a progress bar on standard error, after its robot's meshes are ready.
+    """Prepare the meshes of the robot, and run a plan with a progress bar on standard error.
 
-    The bar shows ``label``, or the policy name if no label is given.
-
-    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per CPU core by default.
+    The bar shows ``label``, or the policy name if no label is given. The options are the same as for
+    :func:`betterbench.evaluation.evaluate`, except that there is one worker per CPU core by default.
     """
     from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate
@@ -492,7 +499,10 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print the results of a run: success, trials that could not be run, and verdicts if it has ``until_decided``."""
+    """Print the results of a run: the success rate, and the number of trials that could not be run.
+
+    For a run with ``until_decided``, the verdicts are printed too.
+    """
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -537,7 +547,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
 
 
 def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
-    """Print the reason for the expert's first failed trial, and the command that shows this trial."""
+    """Print why the expert failed in its first failed trial, and the command that shows this trial."""
     from betterbench.tasks.user_files import options_for
 
     failed = [e for e in run.entries() if e.status == "done" and e.key not in ambiguous and not run.outcome(e).success]
@@ -553,7 +563,7 @@ def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return the verdicts of a run with ``until_decided`` from its records, or None for other runs."""
+    """Return the verdicts of a run with ``until_decided``, computed from the records, or None for other runs."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

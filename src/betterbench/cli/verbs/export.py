@@ -1,4 +1,4 @@
-"""``better export``: a run's outcomes as one file, metrics for a tracker, or a training data set."""
+"""``better export``: write the outcomes of a run, its metrics for an experiment tracker, or a training data set."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def export_command(
 ) -> None:
     """Export a run's outcomes, or the demonstrations of runs as a data set for training policies.
 
-    A submission contains the outcome of every planned trial, all versions, and the hash of each record, for better
-    compare. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful trials in
-    training conditions, in a preset's layout. A policy trained on it is evaluated with the same preset. Ctrl-C keeps
-    finished episodes; the same command resumes.
+    A submission, which better compare can read, contains the outcome of every planned trial, all versions, and the hash
+    of each record. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful
+    trials in training conditions, in the layout of a preset. A policy trained on the data set is evaluated with the
+    same preset. Ctrl-C keeps finished episodes; the same command resumes.
 
     Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
@@ -57,7 +57,7 @@ def export_command(
         out: Submission file, default NAME.json; tracker folder, default RUN/TRACKER; data set folder, or the data set
             file for robomimic; folder of the logs of samples, default RUN/lmms_eval.
         name: Policy name; default: the name that the policy declared.
-        project: Project of the tracker wandb.
+        project: Project name for the tracker wandb.
         check: Submission or data set to check against the records of the runs; nothing is written.
         preset: Layout of the data set, as in a policy's address (?preset=NAME); default: lerobot, gr00t_new_embodiment
             for lerobot-v2.1, or native for robomimic.
@@ -66,9 +66,9 @@ def export_command(
             evaluated on these variations.
         images: Image format: video (H.264) or png (lossless, six times larger). Images for robomimic are always
             lossless.
-        observation: Observation preset of the evaluation; default: the first preset with the layout's cameras.
+        observation: Observation preset of the evaluation; default: the first preset that has the layout's cameras.
         quality: Render preset for the images; default: the run's preset.
-        validation: Share of the seeds held out for validation; their episodes come last.
+        validation: Fraction of the seeds held out for validation; the episodes with these seeds come last.
         language: Also write the language columns, which LeRobot versions before 0.6 reject.
         vqa: Question set made by better vqa about the same run, to be written to the language columns.
         workers: Number of episodes rendered in parallel; default: one per CPU core.
@@ -124,24 +124,24 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     """Raise InvalidInputError if an option that applies only to data sets was given."""
     for option, value in given.items():
         if value:
-            cure = f"Add --to {', --to '.join(_PRESETS)}, or drop {option}"
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave out {option}"
             raise InvalidInputError(option, f"applies only to data sets, and {to} is not a data set", cure)
 
 
 def _is_dataset(path: Path) -> bool:
-    """Return whether a path is a data set instead of a submission."""
+    """Return whether a path is a data set rather than a submission."""
     from betterbench.demonstrations.export.robomimic import is_hdf5
 
     return path.is_dir() or path.suffix in (".hdf5", ".h5") or is_hdf5(path)
 
 
 _PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robomimic": "native"}
-"""Default layout of each format."""
+"""Default layout preset of each data set format."""
 
 
 @dataclass(frozen=True, slots=True)
 class _DatasetOptions:
-    """Options of a data set: its frames, and the number of workers that render them."""
+    """Options that select the frames of a data set, and the number of workers that render these frames."""
 
     preset: str
     tasks: tuple[str, ...]
@@ -184,7 +184,7 @@ def _export_dataset(
     left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
     seeds = {chosen.trial.seed for chosen in selection.demonstrations}
     if plan.validation and not validation_seeds(seeds, plan.validation):
-        say(f"no seed is held out: a share of {plan.validation:g} of {len(seeds)} seeds is less than one seed")
+        say(f"no seed is held out: a fraction of {plan.validation:g} of {len(seeds)} seeds is less than one seed")
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:

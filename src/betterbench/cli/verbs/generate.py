@@ -1,4 +1,4 @@
-"""``better generate``: scenarios from a template or a sentence, and suites that grow under quotas."""
+"""``better generate``: write scenarios for a template or a sentence, or grow a suite until it fulfills quotas."""
 
 from __future__ import annotations
 
@@ -62,18 +62,19 @@ def generate_command(
         seed: Seed of the offline author.
         tries: Maximum number of model answers per scenario.
         vocabulary: Objects that a model may use: library objects, or any.
-        replay: File exchanges.jsonl of an earlier run, whose answers are used instead of a model.
+        replay: File exchanges.jsonl of an earlier run. The answers stored in it are used instead of asking a model.
         key_variable: Environment variable with the API key of the endpoint.
         build: Build and certify the tasks in the subfolder "build", as better build does.
         until: Number of certified tasks in the suite.
         quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
             range (10%-30%, 3-8).
         quotas: YAML or JSON file with quotas.
-        distinct: Smallest difference between two tasks: an object of another category, or of another category or color.
+        distinct: Minimum difference between two tasks: they differ in the category of an object (categories), or in the
+            category or color of an object (colors).
         unlike: Suites whose near-duplicates are rejected: better60, or suite folders.
         max_attempts: Maximum number of scenarios to build; default: three per task.
-        options: Options of the build, for --until and --build.
-        overwrite: Replace files in the folder that better generate did not write.
+        options: Options for building and certifying tasks, used with --until and --build.
+        overwrite: Replace files in the output folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.generation.folder import GenerateSettings, generate_scenarios
@@ -85,7 +86,7 @@ def generate_command(
 
         if build:
             raise InvalidInputError(
-                "--build", "cannot be combined with --until, which already builds the tasks", "Leave it out"
+                "--build", "cannot be combined with --until, which already builds the tasks", "Leave out --build"
             )
         asked = read_quotas(quota, quotas)
         growing = GrowSettings(until, settings, options.settings, asked, distinct, unlike, max_attempts, options.name)
@@ -107,7 +108,7 @@ def generate_command(
         _tell(made, out, json=json)
     if not made.scenarios:
         first = made.refused[0]
-        cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
+        cure = f"Read {out / 'exchanges.jsonl'}, and choose another model or increase --tries"
         raise InvalidInputError("better generate", f"the model did not write a valid scenario ({first.problem})", cure)
     if build:
         from betterbench.cli.verbs.build import build_command
@@ -116,14 +117,14 @@ def generate_command(
 
 
 def _require_unused(options: Mapping[str, object], needed: str, what: str) -> None:
-    """Raise InvalidInputError for an option that has no effect without another option."""
+    """Raise InvalidInputError if an option is given that has no effect without another option."""
     given = next((name for name, value in options.items() if value not in (None, ())), None)
     if given is not None:
         raise InvalidInputError(given, f"has no effect without {needed}", f"Give {needed} with {what}")
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:
-    """Print the scenarios, and the scenarios without a valid answer from the model."""
+    """Print the scenarios, and the numbers of the scenarios for which the model gave no valid answer."""
     from betterbench.generation.scenario_form import scenario_to_json
 
     if json:

@@ -1,4 +1,4 @@
-"""``better import-better``: import tasks of the BeTTER release, with an audit and a certificate."""
+"""``better import-better``: import tasks of the BeTTER release, audit them, and certify them on request."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def import_better_command(
     Args:
         folder: Clone of the release, or folder with a task.yaml.
         out: Folder to write.
-        asset: Asset category for an object of the release, as NAME=CATEGORY, instead of the search result.
+        asset: Asset category to use for an object of the release instead of the search result, as NAME=CATEGORY.
         catalogue: Catalogue of assets to search; the built-in generators if not given.
         certify: Measure demonstrations of the imported tasks and certify them; takes minutes.
         trials: Trials per variation for --certify.
@@ -100,7 +100,7 @@ def _read(folder: Path) -> list[ReleaseTask]:
 
 
 def _choices(asset: tuple[str, ...], releases: list[ReleaseTask]) -> dict[str, str]:
-    """Return the category of each object given by ``--asset``."""
+    """Return the asset category that ``--asset`` gives for each named object."""
     found: dict[str, str] = {}
     known = {name for release in releases for name in release.instances}
     for text in asset:
@@ -139,7 +139,10 @@ def _imported(releases: list[ReleaseTask], given: dict[str, str], catalogue: Pat
 
 
 def _write_suite(imported: list[Imported], out: Path) -> str | None:
-    """Write the tasks as a suite folder and return its name, or None if no task can be represented."""
+    """Write the imported tasks as a suite folder, and return the name of the folder.
+
+    Return None if no task can be represented in our task format.
+    """
     from betterbench.jobs import write_durably
     from betterbench.tasks import suite_files, task_to_json
 
@@ -148,7 +151,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
         if one.built.task is not None:
             if one.built.task.id in forms:
                 problem = f"two tasks get the same id, {one.built.task.id}"
-                raise InvalidInputError(str(one.release.folder), problem, "Import the task folders one by one")
+                raise InvalidInputError(str(one.release.folder), problem, "Import each task folder separately")
             forms[one.built.task.id] = task_to_json(one.built.task)
     if not forms:
         return None
@@ -162,7 +165,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
 def _certify(
     imported: list[Imported], out: Path, suite: str, *, trials: int, demonstrations: int, workers: int
 ) -> dict[str, dict[str, Summary]]:
-    """Measure demonstrations, certify all conditions, and return the results by task and condition."""
+    """Measure demonstrations of imported tasks and certify all conditions. Return the results by task and condition."""
     from betterbench.certification import summaries
     from betterbench.certification.measuring import measure, write_demonstrations
     from betterbench.certification.runner import certify
@@ -200,7 +203,7 @@ def _certify(
 
 
 def _print(one: Imported) -> None:
-    """Print a task's assets, variations and faults."""
+    """Print the assets, the variations and the faults of an imported task."""
     from betterbench.generation.better_release import certified_text, counts_of
     from betterbench.generation.better_release.pages import certificate_notes
 

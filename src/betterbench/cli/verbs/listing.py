@@ -1,4 +1,4 @@
-"""``better list``: names of suites, tasks, variations, policies, assets and templates."""
+"""``better list``: list suites, tasks, variations, policies, assets and templates."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def list_command(
     Example: better list variations
 
     Args:
-        what: suites, tasks, variations, policies, assets or templates.
-        tasks: Tasks to list, or whose variations to list; default: all loaded tasks.
+        what: Kind of list: suites, tasks, variations, policies, assets or templates.
+        tasks: Tasks that are listed, or whose variations are listed; default: all loaded tasks.
         json: Print one JSON document instead of a table.
     """
     columns, rows = _table(what, tasks)
@@ -61,7 +61,7 @@ def list_command(
 
 
 def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str]]]:
-    """Return the columns and rows of a list."""
+    """Return the column titles and the rows of a list."""
     if what == "suites":
         return ["suite", "world", "installed", "tasks", "what it is"], _suites()
     if what == "policies":
@@ -98,7 +98,7 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
 
 
 def _suites() -> list[list[str]]:
-    """Return the suites of all worlds, with whether the simulator of each world is installed."""
+    """Return a row for each suite of every world. The row states whether the simulator of the world is installed."""
     from betterbench.sim.worlds import all_worlds
 
     return [

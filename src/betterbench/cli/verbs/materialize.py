@@ -1,4 +1,4 @@
-"""``better materialize``: images, depth, masks and boxes of every recorded state."""
+"""``better materialize``: render images, depth, masks and boxes of every recorded state."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 MOST_LISTED = 3
-"""Maximum number of files listed in the error about a failed check; --json lists all."""
+"""Maximum number of files that the error about a failed check lists; --json lists all of them."""
 
 
 def materialize_command(
@@ -37,8 +37,9 @@ def materialize_command(
 ) -> None:
     """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
-    Only the records and scenes of the run are read. Intact files are kept; missing and damaged files are rendered
-    again. The same command resumes. The files are identical for any number of workers, and after interruptions.
+    Only the records and scenes of the run are read. The same command resumes after an interruption: intact files are
+    kept, and missing or damaged files are rendered again. The files do not depend on the number of workers or on
+    interruptions.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -97,7 +98,7 @@ def materialize_command(
 
 
 def _trial(text: str) -> TrialId:
-    """Return the trial given as TASK/CONDITION/SEED, or raise InvalidInputError."""
+    """Parse a trial given as TASK/CONDITION/SEED. Raise InvalidInputError if the text has another form."""
     from betterbench.errors import InvalidInputError
     from betterbench.tasks import TrialId
 
@@ -105,13 +106,13 @@ def _trial(text: str) -> TrialId:
     condition, _, seed = rest.partition("/")
     if not (task and condition and seed.isascii() and seed.isdigit()):
         raise InvalidInputError(
-            "--trial", f"{text!r} is not a trial", "Give TASK/CONDITION/SEED, such as fast_food/T1/0"
+            "--trial", f"{text!r} does not name a trial", "Give TASK/CONDITION/SEED, such as fast_food/T1/0"
         )
     return TrialId(task, condition, int(seed))
 
 
 def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
-    """Check rendered modalities against a run's records; raise RecordError if files are missing or wrong."""
+    """Check rendered modalities against the records of a run. Raise RecordError if files are missing or wrong."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
     from betterbench.statistics.wording import plural
@@ -135,12 +136,12 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
-    """Return one line with the problems found in a folder, and the remedies."""
+    """Return a message that lists the problems found in a folder, with the remedies."""
     from betterbench.statistics.wording import plural
 
     if found.is_of_another_run:
         return (
-            f"{place}: the files do not belong to the records of {run}. For example, one belongs to "
+            f"{place}: the files do not belong to the records of {run}. For example, one file belongs to "
             f"{found.strangers[0]}. Give the run from which the files were rendered, or another --out to render this "
             "run."
         )
@@ -161,7 +162,7 @@ def _some(texts: Sequence[str]) -> str:
 
 
 def _command(run: Path, place: Path, wanted: Wanted, trials: Sequence[TrialId]) -> str:
-    """Return the command that completes a folder, with its original options."""
+    """Return the command that renders the missing files of a folder with its original options."""
     from betterbench.records.modalities.spec import MODALITIES
 
     words = ["better", "materialize", str(run)]

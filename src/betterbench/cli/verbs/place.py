@@ -35,9 +35,9 @@ def place_command(
 
     Args:
         out: Folder to write.
-        tasks: Tasks to lay out; default: all tasks in the suite.
-        suite: Suite to take the tasks from.
-        arm: The robot.
+        tasks: Tasks to adapt; default: all tasks in the suite.
+        suite: Suite that contains the tasks.
+        arm: Option that selects the robot.
         trials: Trials per training condition.
         measure: Measure the grasps and the solved trials; with --no-measure, only the task files are written.
         overwrite: Write to a folder that better place did not make, and replace files of the same names there.
@@ -53,7 +53,7 @@ def place_command(
 
     of_suite = suite_tasks(suite)
     if arm.robot is None:
-        raise InvalidInputError("--robot", "no robot was given", "Give the robot for which to lay out the tasks")
+        raise InvalidInputError("--robot", "no robot was given", "Give the robot to which the tasks are to be adapted")
     require_between("--trials", trials, 1, 1000)
     seeds = trials if measure else 0
     spec = robot(arm.robot)
@@ -94,7 +94,10 @@ def _row(placed: Placed, found: Feasibility) -> list[str]:
 
 
 def _reasons(placed: Placed, found: Feasibility) -> list[list[str]]:
-    """Return a row per object without a planned grasp in some trials, and a row for the unsolved trials."""
+    """Return table rows with the reasons of failures.
+
+    There is a row for each object whose grasp could not be planned in some trials, and one for the unsolved trials.
+    """
     rows = [
         [placed.task.id, grasp.name, f"{grasp.trials - grasp.planned} of {grasp.trials}", f"no grasp: {grasp.reason}"]
         for grasp in found.grasps

@@ -1,4 +1,4 @@
-"""``better premise``: check the premises of instructions in LIBERO and LIBERO-Plus scenes."""
+"""``better premise``: check whether LIBERO and LIBERO-Plus scenes match the premises of their instructions."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def premise_command(
     Example: better premise libero --suites libero_spatial
 
     Args:
-        world: libero, or libero_plus.
-        suites: The suites to check; default: the world's spatial, object, goal and 10 suites.
+        world: World whose scenes are checked: libero or libero_plus.
+        suites: Suites to check; default: the spatial, object, goal and 10 suites of the world.
         out: File of JSON lines for the results; premises-libero.jsonl, or premises-libero_plus.jsonl, if not given.
         overwrite: Replace a file at --out that contains other data.
         json: Print one JSON document instead of a table.

@@ -1,4 +1,4 @@
-"""``better real``: overview of its nested commands, each of which has its own module."""
+"""``better real``: overview of the nested commands. Each nested command has its own module."""
 
 from __future__ import annotations
 
@@ -31,6 +31,6 @@ def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metav
     Example: better real plan --out bench --policies ours=openpi://127.0.0.1:8000 base=lerobot:checkpoint
 
     Args:
-        what: sheet, check-cameras, plan, run, status, judge or report.
+        what: Nested command: sheet, check-cameras, plan, run, status, judge or report.
     """
     raise AssertionError(f"this function cannot run 'better real {what}'; call betterbench.cli.main instead")

@@ -21,8 +21,9 @@ def judge_command(
     """Judge the videos of a protocol in the browser, with one key for each behavior.
 
     The page shows the videos of finished trials in a random order, with the instruction and the definitions of the
-    behaviors. It does not show the condition, the policy, or the entries of other people. The same command resumes. The
-    operator of a protocol cannot judge it. With two judges, better real report computes their agreement.
+    behaviors. It does not show the condition, the policy, or the entries of other people. The same command resumes
+    where it stopped. The operator of a protocol cannot judge it. With two judges, better real report computes how far
+    they agree.
 
     The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.

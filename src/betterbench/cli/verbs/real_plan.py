@@ -1,4 +1,4 @@
-"""``better real plan``: write the plan of a protocol on a real robot arm."""
+"""``better real plan``: write the plan of a diagnostic protocol for a real robot arm."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def plan_command(
         out: Folder of the protocol.
         policies: Policies as NAME=ADDRESS; their actions must be joint positions of the SO-101 in --unit.
         task: Task of the suite.
-        conditions: Conditions of the task; default: one for each cell of its diagnostic matrices.
+        conditions: Conditions of the task; default: one condition for each cell of the task's diagnostic matrices.
         trials: Number of trials per condition and policy.
-        seed: Random seed of the order and the codes.
+        seed: Random seed for the order of the trials and for their codes.
         unit: Unit of joint positions as in LeRobot: degrees, or normalized (-100 to 100).
-        rate_hz: Rate of actions, as in the training of the policies.
+        rate_hz: Number of actions per second, as in the training of the policies.
         time_limit_s: Maximum duration of a trial in seconds.
     """
     from betterbench.real.plan import make_plan, write_plan
@@ -62,7 +62,7 @@ def plan_command(
 
 
 def _policy(text: str) -> RealPolicy:
-    """Return a policy from NAME=ADDRESS."""
+    """Parse a policy given as NAME=ADDRESS, and check its address."""
     from betterbench.policies.kinds.kind import kind_of
     from betterbench.real.asking import require_images_suffice
     from betterbench.real.plan import RealPolicy
@@ -70,7 +70,7 @@ def _policy(text: str) -> RealPolicy:
     name, separator, address = text.partition("=")
     if not separator or not name or not address:
         raise InvalidInputError(
-            "--policies", f"expected NAME=ADDRESS, got {text!r}", "Write ours=openpi://127.0.0.1:8000"
+            "--policies", f"expected NAME=ADDRESS, got {text!r}", "Write, for example, ours=openpi://127.0.0.1:8000"
         )
     policy = RealPolicy(name, address)
     kind_of(address).parse(address)  # check now, because a plan cannot be changed later

@@ -1,4 +1,4 @@
-"""``better real report``: labels, matrices and checks of a protocol on a real robot arm."""
+"""``better real report``: report the labels, matrices and agreement of a protocol on a real robot arm."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def report_command(
 ) -> None:
     """Write the report on a protocol: diagnostic matrices of each policy, labels with evidence, and agreement.
 
-    Labels are based on joint states and on the judgments of videos. A trial is unscored if neither decides, or if its
-    files have changed. Judgments that contradict the joint states are listed. With --sim, each cell is compared with a
-    run of the same policy on the simulated twin. The report shows conditions and policies: do not show it to judges
-    before they have finished.
+    Labels are based on joint states and on the judgments of videos. A trial is unscored if neither of them decides, or
+    if the files of the trial have changed. Judgments that contradict the joint states are listed. With --sim, each cell
+    is compared with a run of the same policy on the simulated twin. The report shows conditions and policies: do not
+    show it to judges before they have finished.
 
     Example: better real report bench --sim runs/ours_on_the_twin
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from betterbench.real.session import RealSession
 
 LAST_LOOK_S = 1.0
-"""Time for which the page shows that all trials are finished [s]."""
+"""Time for which the browser page stays open after all trials are finished [s]."""
 _KEYS = "a: switch on or off   s: start   f: start anyway   e: over   space: STOP   u: undo   r: discard   q: quit"
 
 
@@ -49,10 +49,10 @@ def run_command(
 ) -> None:
     """Guide an operator through the trials of a plan: set up the scene, start the policy, enter the outcome.
 
-    The page shows the position of each object as an overlay on the image of the front camera, and checks whether the
-    scene matches. The arm only moves while it is switched on, within the safety limits; the space key stops it. Stopped
-    and interrupted trials are repeated. The same command resumes. Keys also work in the terminal, and with --no-page
-    only there.
+    The page shows the planned position of each object as an overlay on the image of the front camera, and checks
+    whether the scene matches. The arm moves only while it is switched on, and only within the safety limits; the space
+    key stops it. Stopped and interrupted trials are repeated. The same command resumes where it stopped. Keys also work
+    in the terminal. With --no-page, they work only there.
 
     The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.
@@ -61,10 +61,10 @@ def run_command(
 
     Args:
         folder: Folder of the protocol.
-        robot: so101 for an SO-101 connected by LeRobot; mock for a simulated arm, to practice.
+        robot: so101 for an SO-101 connected through LeRobot; mock for a simulated arm to practice with.
         arm_port: Serial port of the arm.
         arm_id: Id of the arm's calibration in LeRobot.
-        cameras: Cameras as NAME=INDEX or NAME=PATH, one of them named front; for mock only names.
+        cameras: Cameras as NAME=INDEX or NAME=PATH, one of them named front; for the mock arm only names.
         camera_size: Width and height of the images in pixels.
         camera_rate_hz: Frame rate of the cameras.
         limits: JSON file with non-default safety limits, such as {"speed_rad_s": 1.0}.
@@ -91,7 +91,7 @@ def run_command(
     else:
         if mock_faults:
             raise InvalidInputError(
-                "--mock-faults", "simulated faults apply only to the mock arm", "Leave them out, or give --robot mock"
+                "--mock-faults", "they apply only to the mock arm", "Leave out --mock-faults, or give --robot mock"
             )
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
     if repeat:
@@ -123,7 +123,11 @@ def _tell(text: str) -> None:
 
 
 def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    """Parse NAME=VALUE texts into a mapping. Raises InvalidInputError for other texts and duplicate names."""
+    """Parse texts of the form NAME=VALUE into a mapping.
+
+    Raises:
+        InvalidInputError: If a text has another form, or a name is given twice.
+    """
     found: dict[str, str] = {}
     for text in texts:
         name, separator, value = text.partition("=")
@@ -167,7 +171,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
                 form[name] = parse_json(value)
             except ValueError:
                 raise InvalidInputError(
-                    "--mock-faults", f"{value!r} is not a value of {name}", "Give a number"
+                    "--mock-faults", f"{value!r} is not a valid value for {name}", "Use a number"
                 ) from None
     made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
     names = tuple(text.partition("=")[0] for text in cameras)
@@ -175,7 +179,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
 
 
 def _limits(path: Path | None) -> SafetyLimits | None:
-    """Return the safety limits in a file."""
+    """Read the safety limits from a file. Return None if no file is given."""
     from pydantic import TypeAdapter
 
     from betterbench.json_form import read_bounded, read_form
@@ -189,7 +193,10 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 
 @contextmanager
 def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bool) -> Iterator[None]:
-    """Execute keys pressed in the terminal inside the context, or lines of standard input if there is no terminal."""
+    """While the context is open, execute the keys that are pressed in the terminal.
+
+    If there is no terminal and ``needed`` is set, the lines of standard input are executed as keys instead.
+    """
     if not sys.stdin.isatty():
         if needed:
             threading.Thread(target=_obey_lines, args=(session, stopped), daemon=True).start()
@@ -209,7 +216,7 @@ def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bo
 
 
 def _obey_lines(session: RealSession, stopped: threading.Event) -> None:
-    """Execute lines of a key and an optional note."""
+    """Execute the lines of standard input. A line consists of a key, which a space and a note may follow."""
     for line in sys.stdin:
         key, _, note = line.rstrip("\n").partition(" ")
         if line.startswith(" "):
@@ -239,7 +246,7 @@ def _obey_keys(session: RealSession, stopped: threading.Event, read: Callable[[]
 
 
 def obey_key(session: RealSession, key: str, note: str, stopped: threading.Event) -> bool:
-    """Execute a key pressed in the terminal, and return whether to continue."""
+    """Execute a key that was pressed in the terminal. Return False if no more keys should be read."""
     from betterbench.real.outcomes import OUTCOMES
     from betterbench.real.session import Command, Stage
 

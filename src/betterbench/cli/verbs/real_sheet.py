@@ -1,4 +1,4 @@
-"""``better real sheet``: write the marker sheet of the real scene for printing."""
+"""``better real sheet``: write the marker sheet that is laid on the table of the real scene."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ def sheet_command(*, out: Path, paper: Literal["a4", "letter", "whole"] = "a4", 
     """Write the marker sheet as PDF and SVG: markers, object slots, position of the arm's base, and rulers.
 
     Lay the sheet on the table around the arm to measure the front camera (better real check-cameras) and to mark the
-    positions of objects. It has six pages of A4 or Letter and an overview with instructions, or one page of 795 x 410
-    mm for a print shop (whole).
+    positions of objects. The sheet has six pages of A4 or Letter and an overview with instructions, or one page of
+    795 x 410 mm for a print shop (whole).
 
     Example: better real sheet --out sheet --paper a4
 

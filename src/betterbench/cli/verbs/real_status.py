@@ -1,4 +1,4 @@
-"""``better real status``: progress of a protocol, and the next trial."""
+"""``better real status``: show the progress of a protocol and the next trial."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TITLES = {
 }
 """Short column titles, so that the table fits into 80 characters."""
 _STEPS = ("late_steps", "held_steps", "limited_steps", "late_frames")
-"""Columns that are left out if condition and policy are shown."""
+"""Columns that are omitted if the condition and the policy are shown, to save space."""
 
 
 def status_command(
@@ -30,8 +30,8 @@ def status_command(
 ) -> None:
     """Show the progress of a protocol: finished trials, entries, repeated attempts, and late frames.
 
-    Conditions and policies of codes are hidden, so that operators and judges can use this command. --open-codes shows
-    them.
+    The condition and the policy of each trial code are hidden, so that operators and judges can use this command.
+    --open-codes shows them.
 
     Example: better real status bench
 

@@ -1,4 +1,4 @@
-"""``better recipe``: configuration and commands to train a policy in another framework."""
+"""``better recipe``: write the configuration and commands to train a policy in another framework."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def recipe_command(
         gpus: Number of GPUs; by default 4, and 1 for real_arm.
         weights: Initial weights; default: the framework's published weights.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
-        sample_tokens: Number of tokens per sample, by which Being-H packs its sequences.
+        sample_tokens: Number of tokens per sample; Being-H uses it to pack its sequences.
         overwrite: Write to a folder that better recipe did not make, and replace files with the same names there.
         json: Print one JSON document instead of a table.
     """

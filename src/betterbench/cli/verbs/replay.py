@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from betterbench.records import RecordMetadata, RunFolder
 
 MOST_FIELDS = 5
-"""Maximum number of fields listed in the error about a record that differs from its replay."""
+"""Maximum number of fields that the error about a differing replay lists."""
 
 
 def replay_command(
@@ -30,15 +30,15 @@ def replay_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Replay the actions of a record and compare every state, or write a video of it, alone or next to its twin.
+    """Replay the actions of a record and compare every state, or write a video of the trial.
 
     Example: better replay runs/expert/records/fast_food/T1/0.parquet --check
 
     Args:
-        record: Record file, in its run's folder.
-        twin: Render the trial next to its training twin, with instructions, elapsed time, labels and the gripper's
-            path.
-        check: Simulate again and compare all recorded results, instead of writing a video.
+        record: Record file in the folder of its run.
+        twin: Render the trial next to its training twin (the training trial with the same seed), with instructions,
+            elapsed time, labels and the path of the gripper.
+        check: Simulate the trial again and compare all recorded results, instead of writing a video.
         out: Video file to write; a file in the run folder if not given.
         camera: Camera of the video.
         size: Side length of the video in pixels, or of each half with --twin; default 512, or 384 with --twin.
@@ -49,7 +49,7 @@ def replay_command(
 
     if check and twin:
         raise InvalidInputError(
-            "--twin", "it cannot be combined with --check, which does not write a video", "Leave out one of the two"
+            "--twin", "it cannot be combined with --check, which does not write a video", "Leave out --twin or --check"
         )
     if not check:
         path = (_twin_video if twin else _video)(record, out, camera=camera, size=size, overwrite=overwrite)
@@ -61,18 +61,23 @@ def replay_command(
     elif result.identical:
         OUT.print(f"identical: {result.rows} states, every verdict and all {result.fields} fields", markup=False)
     if not result.identical:
-        where = "no state" if result.first_difference is None else f"row {result.first_difference} on"
+        where = "none" if result.first_difference is None else f"from row {result.first_difference} on"
         more = len(result.differing) - MOST_FIELDS
         listed = "; ".join(result.differing[:MOST_FIELDS]) + (f"; and {more} more" if more > 0 else "")
         raise BetterError(
-            f"{record}: the replay differs ({where}, by {result.largest_difference:.3g} at most; verdicts "
-            f"{'agree' if result.verdict_agrees else 'differ'}). Fields that differ: {listed}. "
+            f"{record}: the replay differs from the record. States that differ: {where}, by at most "
+            f"{result.largest_difference:.3g}. The verdicts {'agree' if result.verdict_agrees else 'differ'}. Fields "
+            f"that differ: {listed}. "
             f"{'; '.join(result.notes) or 'Versions are the same'}."
         )
 
 
 def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
-    """Return the run and the metadata of a record; raise RecordError if the record is outside a run."""
+    """Return the run to which a record file belongs, and the metadata of the record.
+
+    Raises:
+        RecordError: If the record file is not in the folder of its run.
+    """
     from betterbench.records import RunFolder, read_record
 
     meta = read_record(record).metadata
@@ -124,7 +129,7 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
     if beside is not None and beside.record is not None:
         panels.append(panel_of(beside, "training twin"))
     else:
-        why = "training trials have no twin" if trial.variation is None else "its twin has no record"
+        why = "training trials have no twin" if trial.variation is None else "the training twin has no record"
         say(f"{trial.key} is shown alone: {why}")
     path = out or run.video_path(meta.task, meta.condition, meta.seed, camera="twin")
     look = FilmLook(camera=camera, size=size or 384, rate_hz=10, longest_s=None, quality="standard")

@@ -27,9 +27,9 @@ def report_command(
     Example: better report runs/expert
 
     Args:
-        run: Run folder; several are compared on one page.
-        name: Run names on the page, one per run, in order; default: the policy names.
-        twins: For LIBERO-PRO runs: the same policy's run of the base suite, one per run and in the same order.
+        run: Run folder; several runs are compared on one page.
+        name: Name of each run on the page, in the order of the runs; default: the policy names.
+        twins: For LIBERO-PRO runs: for each run, the same policy's run of the base suite, in the same order.
         out: Report folder; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Maximum number of trials shown as videos; other failures are shown as one image. 0 renders nothing.

@@ -1,4 +1,4 @@
-"""``better review``: human review of imported objects and scenes in the browser, and application of the reviews."""
+"""``better review``: review imported objects and scenes in the browser, and apply the reviews."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def review_command(
 
     Args:
         given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or one of the
-            words assets, scenes, apply (and a review file) and agree (and two review files).
+            words assets, scenes, apply (followed by a review file) and agree (followed by two review files).
         tasks: With scenes: tasks, or single conditions such as fast_food/L1; default: all of --suite or --task-file.
         author: Reviewer name in the file; default: the user name.
         out: File to which decisions are appended, by default reviews.jsonl, for scenes scene_reviews.jsonl; with
@@ -62,7 +62,7 @@ def review_command(
         _agree(given[1:], json=json)
         return
     if json:
-        raise InvalidInputError("--json", "it applies only to better review agree", "Leave it out")
+        raise InvalidInputError("--json", "it applies only to better review agree", "Leave out --json")
     if word == "apply":
         _apply(given[1:], out, overwrite=overwrite)
         return
@@ -79,7 +79,7 @@ def review_command(
 
 
 def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, host: str, port: int) -> None:
-    """Review meshes, or the assets of folders."""
+    """Open mesh files, or the assets in the folders given with --asset-dir, for review in the browser."""
     from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.review.queue import folder_queue, queue_of
@@ -101,7 +101,7 @@ def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, h
 
 
 def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host: str, port: int) -> None:
-    """Review the scenes of tasks."""
+    """Open the scenes of tasks for review in the browser."""
     from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.review.scenes.queue import scene_queue
@@ -126,17 +126,17 @@ def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host:
 
 
 def _asset_folders(*, required: bool = True) -> list[Path]:
-    """Return the folders of --asset-dir."""
+    """Return the folders given with --asset-dir."""
     from betterbench.tasks.user_files import loaded_files
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no asset folder was given", "Give it with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder was given", "Give the folder with --asset-dir")
     return folders
 
 
 def _serve(page: CommandPage[Any], host: str) -> None:
-    """Show a page until a signal stops the command."""
+    """Show a page in the browser until a signal stops the command."""
     from betterbench.cli.verbs.serve import stopped_by_signal
 
     try:
@@ -160,7 +160,9 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
 
     if len(files) != 1 or out is None:
         problem = "no folder is given" if len(files) == 1 else f"{len(files)} review files are given"
-        raise InvalidInputError("review apply", problem, "Give one: better review apply reviews.jsonl --out DIR")
+        raise InvalidInputError(
+            "review apply", problem, "Write, for example, better review apply reviews.jsonl --out DIR"
+        )
     (file,) = files
     if not is_scene_review(file):
         for folder in _asset_folders():
@@ -187,12 +189,12 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
-    """Print the agreement of two reviews."""
+    """Print how far two reviews agree."""
     from betterbench.review.agreement import agreement
 
     if len(files) != 2:
         problem = f"{len(files)} files are given"
-        raise InvalidInputError("review agree", problem, "Give two files: better review agree ada.jsonl bob.jsonl")
+        raise InvalidInputError("review agree", problem, "Write, for example, better review agree ada.jsonl bob.jsonl")
     found = agreement(*files)
     if json:
         print_json(found.to_json())

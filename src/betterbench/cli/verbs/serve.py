@@ -1,4 +1,4 @@
-"""``better serve``: serve any policy with the openpi protocol."""
+"""``better serve``: serve any policy over the openpi protocol."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def serve_command(
     Args:
         policy: Policy address (see better list policies).
         host: Interface to listen on; 0.0.0.0 accepts other machines.
-        port: Port to listen on; 0 for any free one.
+        port: Port to listen on; 0 for any free port.
         chunk: Number of actions per expert answer; default 8.
         layout: Preset of the observations and actions of a served expert, to test a client or an adapter; default:
             native and openpi_libero.
@@ -106,7 +106,7 @@ def serve_command(
 
 
 def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
-    """Return the trial given by the options, or None.
+    """Return the trial given by the options, or None if no task is given.
 
     Raises:
         InvalidInputError: If a condition or seed is given without a task.
@@ -114,7 +114,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
-                raise InvalidInputError(option, "it applies only with --task", "Give --task too")
+                raise InvalidInputError(option, "it applies only with --task", "Add --task TASK")
         return None
     from betterbench.evaluation import named_trial
 
@@ -122,7 +122,10 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 
 
 def _require_expert(policy: str, option: str, does: str) -> None:
-    """Raise InvalidInputError if an option for experts is given with another policy; unknown policies fail later."""
+    """Raise InvalidInputError if an option that applies only to experts is given with another policy.
+
+    A policy address of an unknown kind is accepted here, because it causes an error later.
+    """
     from betterbench.policies.kinds import find_kind
 
     kind = find_kind(policy)
@@ -133,7 +136,8 @@ def _require_expert(policy: str, option: str, does: str) -> None:
 def _batch_policy(policy: str) -> BatchPolicy:
     """Create a policy that answers several observations in one call.
 
-    Raises InvalidInputError if the policy does not support batches.
+    Raises:
+        InvalidInputError: If the policy does not support batches.
     """
     from betterbench.interface import BatchPolicy
     from betterbench.policies.factory import close_policy
@@ -153,13 +157,15 @@ def _key(name: str | None) -> str | None:
         return None
     key = os.environ.get(name, "")
     if not key:
-        raise InvalidInputError("--api-key-env", f"the variable {name} is empty", "Set it to the key, then start again")
+        raise InvalidInputError(
+            "--api-key-env", f"the environment variable {name} is empty or not set", "Set this variable to the API key"
+        )
     return key
 
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """Log client connections inside the context, unless only errors are to be logged."""
+    """While the context is open, log the connections of clients, unless the log level hides everything but errors."""
     ours = logging.getLogger("betterbench.policies.serving.server")
     before = ours.level
     if ours.getEffectiveLevel() <= logging.WARNING:
@@ -172,7 +178,7 @@ def _connections_logged() -> Iterator[None]:
 
 @contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """Yield an event that is set by SIGTERM and Ctrl-C.
+    """Yield an event that is set when the process receives SIGTERM or Ctrl-C.
 
     A second signal ends the process immediately, in case the policy hangs.
     """

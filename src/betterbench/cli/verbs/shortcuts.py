@@ -57,7 +57,7 @@ def shortcuts_command(
             --gripper, in the same order. With a leading +, the components are displacements and are summed.
         closed: End of the gripper's range at which it is closed; auto infers it from names and values, or fails if it
             cannot be inferred.
-        seed: Seed of the sample that is drawn if the dataset has more than 5,000 episodes.
+        seed: Seed for the sample of episodes that is drawn if the dataset has more than 5,000.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
         overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
@@ -66,7 +66,7 @@ def shortcuts_command(
     from betterbench.jobs.outputs import OutputFolder
 
     if sign is not None and out is None:
-        raise InvalidInputError("--sign", "without --out, there is no file to sign", "Give --out FOLDER too")
+        raise InvalidInputError("--sign", "without --out, there is no file to sign", "Add --out FOLDER")
     choices = {
         "instruction": instruction,
         "grippers": gripper,
@@ -88,7 +88,7 @@ def shortcuts_command(
 def _print(
     facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
 ) -> None:
-    """Print how the data were read and which associations were found."""
+    """Print how the data were read and which shortcuts were found."""
     if audit.reading is not None:
         print_item(audit.reading.paragraph)
     for group in audit.groups:
@@ -102,7 +102,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return the facts about the demonstrations, the audit, and the predicted results on the variations."""
+    """Return the facts about the demonstrations, the shortcut audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -114,7 +114,10 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts about the demonstrations, the set hash of a run, and how the data were read."""
+    """Return the facts about the demonstrations, the hash of the set, and a description of how the data were read.
+
+    For a LeRobot dataset, the hash is an empty string.
+    """
     from betterbench.demonstrations.making.production import set_hash
     from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
     from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
@@ -130,7 +133,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
             problem = f"applies only to LeRobot datasets, and {data} is a run"
-            raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
+            raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave out this option")
     run = RunFolder.open(folder)
     entries = list(run.entries())
     trials = [e.key for e in entries if e.status == "done" and run.succeeded(e.key, e)]
@@ -143,12 +146,12 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
 
 
 def _run_in(data: Path) -> Path:
-    """Return the run folder in a folder of better dataset, or the folder itself."""
+    """Return the run folder inside a folder written by better dataset. Any other folder is returned unchanged."""
     return data / "demonstrations" if (data / "recipe.json").exists() else data
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return the variety of a run's demonstrations, or an empty tuple for a LeRobot dataset."""
+    """Return how much the demonstrations of a run differ from each other, by task. Empty for a LeRobot dataset."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 
@@ -183,7 +186,10 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the tested and untested questions, and the rules that only reflect the meaning of words."""
+    """Print which questions the audit tested for a group of demonstrations, and which it could not test.
+
+    Rules that only reflect the meaning of words are printed too, marked as not being shortcuts.
+    """
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")
@@ -216,7 +222,7 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     for group in audit.groups:
         _tell_asked(group)
-    print_item("smallest detectable rule, as a share of the demonstrations:")
+    print_item("smallest detectable rule, as a fraction of the demonstrations:")
     for group in audit.groups:
         shown = shares_line(group.smallest) or "no question could be tested, because the demonstrations do not differ"
         print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)

@@ -1,4 +1,4 @@
-"""``better show``: picture of a training scene next to a test scene."""
+"""``better show``: draw a training scene next to a test scene."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def show_command(
     Example: better show fast_food/T1 --out t1.png
 
     Args:
-        what: TASK for its training conditions, or TASK/VARIATION.
+        what: TASK to draw its training conditions, or TASK/VARIATION to draw a test scene.
         out: PNG or JPEG file to write.
         seed: Seed of both scenes.
-        size: Side of each image in pixels.
-        arm: The robot.
+        size: Side length of each image in pixels.
+        arm: Option that selects the robot.
         overwrite: Replace a file that better show did not write.
     """
     from betterbench.cli.output.picture_file import picture_file

@@ -1,4 +1,4 @@
-"""``better study``: training and evaluation of small policies on every arm of a study, with one results page."""
+"""``better study``: train and evaluate small policies on every arm of a study, and write one page with the results."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def study_command(
     Args:
         plan: YAML file with tasks, arms, seeds and recipe.
         out: Study folder.
-        preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
+        preset: Name of a built-in plan, instead of a file: small (half an hour on two cores), full, levers, doses or
+            diverse (hours).
         suite: Packaged suite, or folder with a suite in JSON, whose tasks replace those of the plan.
         workers: Number of worker processes for demonstrations and trials; default: one per CPU core.
         device: Torch device for training: cpu, cuda or cuda:N.
@@ -110,7 +111,7 @@ def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | Non
 
 
 def _print(found: StudyFindings, out: Path) -> None:
-    """Print the arms, the expectations and the findings."""
+    """Print the results by arm, and whether each expectation was confirmed."""
     from betterbench.learning.study.page import expectations
 
     rows = [

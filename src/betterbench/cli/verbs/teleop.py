@@ -1,4 +1,4 @@
-"""``better teleop``: human demonstrations in the browser."""
+"""``better teleop``: record human demonstrations in the browser."""
 
 from __future__ import annotations
 
@@ -38,10 +38,11 @@ def teleop_command(
     The page shows the scene, the camera images, the instruction and the subgoals. The gripper follows the gizmo, keys,
     a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Motions can be undone up to
     the last subgoal. Only saved demonstrations are written, as ordinary records with segments and the name of the
-    demonstrator. The command needs no display and
-    listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed
-    address contains a token that every request needs. Ctrl-C keeps saved demonstrations; the same command resumes, and
-    a larger --demos adds more demonstrations.
+    demonstrator. Ctrl-C keeps saved demonstrations; the same command resumes, and a larger --demos adds more
+    demonstrations.
+
+    The command needs no display. It listens on this machine only: from elsewhere, forward the port (ssh -L
+    8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
 
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
 
@@ -53,7 +54,7 @@ def teleop_command(
         seed: First seed, 1000000 or above; 500000000 if not given.
         name: Demonstrator name in the records; default: the user name.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
-        port: Port to listen on; 0 for any free one.
+        port: Port to listen on; 0 for any free port.
         cameras: Cameras whose images are shown; no images with --cameras none.
         devices: Gamepads and SpaceMice of this machine: auto, none, or a device file (/dev/input/event5).
         leader: Type of a LeRobot leader arm (so101_leader, so100_leader).
@@ -100,7 +101,7 @@ def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, ca
 
 
 def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the cameras to show; raise UnknownNameError if a camera does not exist."""
+    """Return the cameras to show, without "none". Raise UnknownNameError if a camera does not exist."""
     from betterbench.errors import UnknownNameError
 
     known = ("front", "front_official", "left_shoulder", "right_shoulder", "wrist")
@@ -115,7 +116,11 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 def _inputs(
     controls: Controls, devices: str, leader: str | None, port: str, identity: str, *, task: str
 ) -> Iterator[None]:
-    """Read the devices of this machine inside the context; raise InvalidInputError if a named device cannot be read."""
+    """While the context is open, read the input devices of this machine.
+
+    Raises:
+        InvalidInputError: If a device that was named cannot be read.
+    """
     from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
     from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader, motion_for
     from betterbench.sim.robots import robot

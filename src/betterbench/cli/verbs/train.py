@@ -1,4 +1,4 @@
-"""``better train``: train a small policy on demonstrations with a recipe file."""
+"""``better train``: train a small policy on demonstrations, as described in a recipe file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def train_command(
         device: Torch device: cpu, cuda or cuda:N.
         frames: Folder with the rendered frames for a learner that uses images; default: NAME.frames next to each data
             folder.
-        workers: Processes that render the frames.
+        workers: Number of processes that render the frames.
         json: Print one JSON document instead of a table.
     """
     from betterbench.policies.learned.loading import require_torch
@@ -84,7 +84,7 @@ def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
 
 
 def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> TrainingSet:
-    """Read the demonstrations, and render missing frames for a learner that uses images."""
+    """Read the demonstrations. If the learner uses images, render the frames that are missing."""
     from betterbench.learning.training.data import read_training_set
 
     with progress_bar("reading demonstrations", 0, stays=False) as (bar, row):
@@ -112,7 +112,7 @@ def _about(data: TrainingSet, epochs: float) -> str:
 
 
 def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Sequence[str], *, json: bool) -> None:
-    """Print the last validation, and the command that evaluates the learner."""
+    """Print the result of the last validation, and the command that evaluates the learner."""
     from betterbench.tasks.user_files import loading_options
 
     log = result.log
@@ -158,12 +158,12 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Seq
 
 
 def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
-    """Return the command that evaluates a learner on its tasks, in its action space.
+    """Return the command that evaluates a learner on the tasks and in the action space for which it was trained.
 
     Args:
         out: Folder of the learner.
         tasks: Names of the tasks.
-        options: Options that load a file with the learner's family, with a leading space.
+        options: Command-line options, with a leading space, that load the file that defines the learner's family.
     """
     from betterbench.cli.robot_option import USUAL_OPTION
     from betterbench.interface.actions import EE_DELTA

@@ -1,4 +1,4 @@
-"""``better view``: show a recorded trial with video, masks, boxes, contacts and subgoals on one timeline."""
+"""``better view``: show a recorded trial with its video, masks, boxes, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def view_command(
     Example: better view runs/expert/records/fast_food/T1/0.parquet --out t1.html
 
     Args:
-        record: Record file, in its run's folder.
+        record: Record file in the folder of its run.
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
         camera: View to render, in the syntax of better materialize; may be given several times. Default: the views of
             the run's policy.
@@ -78,7 +78,7 @@ def view_command(
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Handle SIGTERM like Ctrl-C, so that partially written files are removed."""
+    """Handle SIGTERM in the same way as Ctrl-C, so that partially written files are removed."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame

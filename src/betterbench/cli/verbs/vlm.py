@@ -1,4 +1,4 @@
-"""``better vlm``: static evaluation of a vision-language model."""
+"""``better vlm``: evaluate a vision-language model on static benchmarks."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from betterbench.vqa.request_totals import Prices
 
 FETCH = "fetch"
-"""First word of a command that downloads data."""
+"""First argument of the command if it downloads the data of a benchmark."""
 PROBE = "probe"
-"""First word of a command that identifies the coordinate convention of a model."""
+"""First argument of the command if it identifies the coordinate convention of a model."""
 SIDE_PX = 896
-"""Side length of images in newly made sets [pixel], equal to 2 x 2 InternVL tiles.
+"""Side length of the images in newly made sets [pixels], equal to 2 x 2 InternVL tiles.
 
 The values of ``--eyes`` other than native downscale such an image. An image of 256 pixels would hardly change.
 """
@@ -63,8 +63,8 @@ def vlm_command(
 
     The benchmarks are better-vqa (questions about recorded frames of this suite, no download), embspatial, refspatial
     and egoplan2. better vlm fetch BENCHMARK downloads the data, or lists the files to download and their location.
-    Every item is scored: a missing or unreadable answer is wrong. The same command resumes an interrupted run without
-    repeating requests.
+    Every item is scored: a missing or unreadable answer counts as wrong. The same command resumes an interrupted run
+    without repeating requests.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
@@ -80,11 +80,12 @@ def vlm_command(
         out: Folder of the run.
         prompt: Identifier of the prompt; default: betterbench's prompt.
         coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
-            thousandths-json, thousandths-yx-json or percent-xml. betterbench's prompts state it. Default: fractions for
-            refspatial, pixels for better-vqa.
-        eyes: Resolution of the images: unchanged, one tile of 448 pixels, 224 pixels upsampled to 448, or 224 pixels.
+            thousandths-json, thousandths-yx-json or percent-xml. The prompts of betterbench state this convention.
+            Default: fractions for refspatial, pixels for better-vqa.
+        eyes: Resolution of the images: native (unchanged), tile-1 (one tile of 448 pixels), blur-224 (224 pixels,
+            enlarged to 448), or native-224 (224 pixels).
         max_tiles: Maximum number of InternVL tiles per image, default 12; sent to an endpoint as vLLM's
-            mm_processor_kwargs. Only for native eyes.
+            mm_processor_kwargs. Only with --eyes native.
         probe: Check the declared coordinates with ten images of known points before the first question.
         extractor: Chat endpoint of a language model that extracts the answer from texts that cannot be parsed.
         scoring: "official" also prints the results of the published scorers, including their known errors.
@@ -110,7 +111,9 @@ def vlm_command(
         )
     chosen = None if benchmark == PROBE else find_benchmark(benchmark)
     if model is None:
-        raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
+        raise InvalidInputError(
+            "--model", "is missing", "Give an endpoint as URL#MODEL, for example http://localhost:8000/v1#my-model"
+        )
 
     from betterbench.learning.training.model_kind import LEARNER_MODEL
     from betterbench.vlm.models.endpoint import ENDPOINT
@@ -121,7 +124,9 @@ def vlm_command(
 
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
-        raise InvalidInputError("--max-tiles", f"--eyes {eyes} uses one tile", "Leave it out, or give --eyes native")
+        raise InvalidInputError(
+            "--max-tiles", f"--eyes {eyes} uses one tile per image", "Leave out --max-tiles, or give --eyes native"
+        )
     kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
     options = ModelOptions(
         address=model,
@@ -138,7 +143,9 @@ def vlm_command(
     if kind.one_at_a_time:
         at_once = 1
     if acted is not None and benchmark != "better-vqa":
-        raise InvalidInputError("--acted", f"{benchmark} has no static illusion gap", "Leave it out, or run better-vqa")
+        raise InvalidInputError(
+            "--acted", f"{benchmark} has no static illusion gap", "Leave out --acted, or run better-vqa"
+        )
     if chosen is None:
         _probe(kind.make(options, None), out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
@@ -181,19 +188,19 @@ def vlm_command(
 
 
 def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
-    """Return the prices of tokens; raise InvalidInputError if only one is given."""
+    """Return the prices of tokens, or None if no price is given. Raise InvalidInputError if one price is missing."""
     from betterbench.vqa.request_totals import Prices
 
     if price_in is None and price_out is None:
         return None
     if price_in is None or price_out is None:
         missing = "--price-in" if price_in is None else "--price-out"
-        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or none")
+        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or leave out both")
     return Prices(price_in, price_out)
 
 
 def _acted(run: Path) -> RunDiagnosis:
-    """Return the diagnosis of the run of a policy."""
+    """Diagnose the run of a policy."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder
 
@@ -228,7 +235,7 @@ def _bar(what: str, total: int) -> Iterator[OnCount]:
 
 
 def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -> ItemSet:
-    """Return the items in a folder, or in a newly made set if no folder is given."""
+    """Return the items of a benchmark. If no data folder is given, make a new question set."""
     if data is None:
         if chosen.source.repository:
             cure = f"Give the folder with its data; better vlm fetch {chosen.name} explains what it must contain"
@@ -240,7 +247,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
 
 
 def _made(questions: int, workers: int) -> Path:
-    """Make or resume a question set about one expert trial per condition of the suite, and return its folder."""
+    """Make or resume a question set about expert trials (one per condition of the suite), and return its folder."""
     import platformdirs
 
     from betterbench.cli.verbs.evaluate import run_with_bar

@@ -1,4 +1,4 @@
-"""``better vqa``: make questions about recorded frames, and score a model and image-free baselines on them."""
+"""``better vqa``: make questions about recorded frames, and score a model's answers against image-free guesses."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ QuestionTypes = Literal["grounding", "counting", "relation", "containment", "sta
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """Frames, cameras and types of the questions in a set.
+    """Options that select the frames, cameras and types of the questions in a set.
 
     Attributes:
         questions: Approximate number of questions; 0 for as many as can be balanced.
-        frames: Frames per trial, one from each equal part of its duration; 0 for every frame.
+        frames: Number of frames per trial, one from each equal part of the trial's duration; 0 for every frame.
         cameras: Cameras whose images the questions are about.
-        size: Side of the images in pixels.
+        size: Side length of the images in pixels.
         quality: Render preset of the images (shadows and antialiasing).
         types: Types of question; all if not given.
         tasks: Tasks whose trials the questions are about; all if not given.
@@ -50,7 +50,7 @@ class FrameOptions:
     failures_only: bool = False
 
     def balanced(self) -> SetOptions:
-        """Return the options for a balanced set."""
+        """Return the options for a balanced question set."""
         from betterbench.vqa.dataset import SetOptions
         from betterbench.vqa.question import QuestionType
 
@@ -59,7 +59,7 @@ class FrameOptions:
         return SetOptions(*frames, quality=self.quality, seed=self.seed, types=types, tasks=self.tasks)
 
     def decisive(self) -> DecisiveOptions:
-        """Return the options for a set about decisive moments."""
+        """Return the options for a question set about decisive moments."""
         from betterbench.vqa.decisive import DecisiveOptions
 
         return DecisiveOptions(self.cameras, self.size, self.quality, self.seed, self.tasks, self.failures_only)
@@ -67,13 +67,13 @@ class FrameOptions:
 
 @dataclass(frozen=True, slots=True)
 class ModelOptions:
-    """Model that answers questions or describes images of a set.
+    """Options for the model that answers the questions of a set or describes its images.
 
     Attributes:
         ask: Base URL of an OpenAI-compatible chat endpoint that answers the complete set, such as
             http://localhost:8000/v1.
-        describe: Base URL of an endpoint that writes descriptions of and questions about the set's images. Statements
-            that the recorded state does not confirm are dropped.
+        describe: Base URL of an endpoint whose model describes images of the set and asks questions about them.
+            Statements that the recorded state does not confirm are dropped.
         images: Number of images to describe.
         model: Model name at that URL.
         coordinates: Meaning of the numbers in the model's boxes and points.
@@ -111,12 +111,12 @@ def vqa_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make questions about the frames of a run, with answers from its records, balanced against blind guessing.
+    """Make questions about the frames of a run, with answers from the records of the run.
 
     The questions ask for bounding boxes, counts, relations, containment, stacks, states, progress and presence of
-    objects. They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run,
-    the questions are about the decisive moments of the run's trials, for better diagnose --answers. The same command
-    resumes an interrupted set.
+    objects. They are balanced, so that guessing without the images does not help, and written with the images as JSON
+    lines in the conversation format of LLaVA and as Parquet. With --run, the questions are about the decisive moments
+    of the run's trials, for better diagnose --answers. The same command resumes an interrupted set.
 
     Example: better vqa runs/expert --out sets/expert --questions 10000
 
@@ -124,8 +124,8 @@ def vqa_command(
         source: Run folder to make questions about, or set folder whose questions a model answers.
         run: Folder of a run whose decisive moments the questions are about.
         out: Folder of the set.
-        suite: Packaged suite, or folder with a suite in JSON; its tasks are used if --tasks names none.
-        asked: Frames, cameras and types of the questions.
+        suite: Packaged suite, or folder with a suite in JSON; its tasks are used if --tasks is not given.
+        asked: Options that select the frames, cameras and types of the questions.
         chat: Model that answers the set.
         workers: Number of trials processed in parallel.
         overwrite: Replace a file of answers or descriptions that better vqa did not write.
@@ -158,15 +158,20 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the chosen set, and the folder of its run if known. A missing set is made first."""
+    """Return the question set, and the folder of the run that it is about if this folder is known.
+
+    If the set does not exist yet, it is made first.
+    """
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 
     if source is not None and run is not None:
-        raise InvalidInputError("better vqa", "expected one folder, got two", "Give a run or a set, or --run RUN")
+        raise InvalidInputError(
+            "better vqa", "expected one folder, got two", "Give either the folder of a run or set, or --run RUN"
+        )
     folder = run if source is None else source
     if folder is None:
-        raise InvalidInputError("better vqa", "no folder is given", "Give a run or a set, or --run RUN")
+        raise InvalidInputError("better vqa", "no folder is given", "Give the folder of a run or set, or add --run RUN")
     if not folder.is_dir():
         raise InvalidInputError("better vqa", f"{folder} is not a folder", "Give the folder of a run or of a set")
     if run is None and (folder / "set.json").exists():
@@ -178,7 +183,10 @@ def _made(
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
-    """Return the scores of a model's answers, requested now or read from a file, or None without answers."""
+    """Return the scores of a model's answers. The answers are requested now, or read from a file.
+
+    If there are no answers, return None.
+    """
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
     from betterbench.vqa.llm import ChatEndpoint
 
@@ -203,7 +211,7 @@ def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[S
 def _ask_learner(
     address: str, source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, *, json: bool
 ) -> None:
-    """Ask the learner that made a run for the positions of the named objects, and print its answers."""
+    """Ask the learner that was evaluated in a run for the positions of the named objects, and print its answers."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.output.vqa import print_own_answers
     from betterbench.evaluation.figures.views import ViewRenderer
@@ -213,7 +221,9 @@ def _ask_learner(
     from betterbench.records import RunFolder
 
     if run is None or source is not None:
-        raise InvalidInputError("--learner", "the run of this learner is missing", "Give --run RUN and no other folder")
+        raise InvalidInputError(
+            "--learner", "no run of this learner is given", "Give the run with --run RUN, and no other folder"
+        )
     if out is not None:
         raise InvalidInputError(
             "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or give --json"
@@ -244,7 +254,7 @@ def _ask_learner(
 
 
 def balanced_set(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
-    """Make or resume a balanced set about the records of a run."""
+    """Make a balanced question set about the records of a run, or resume one that is incomplete."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.dataset import make_set
@@ -262,7 +272,7 @@ def balanced_set(run: Path, out: Path, options: SetOptions, workers: int) -> Que
 
 
 def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
-    """Make or resume a set about the decisive moments of a run."""
+    """Make a question set about the decisive moments of a run, or resume one that is incomplete."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
@@ -284,14 +294,16 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
 def _described(
     run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
 ) -> dict[str, object]:
-    """Let a model describe images of a set, and keep the statements that the recorded state confirms."""
+    """Have a model describe images of a question set, and keep the statements that the recorded state confirms."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.freeform import describe_images
     from betterbench.vqa.llm import ChatEndpoint
 
     if run is None or model.describe is None:
-        raise InvalidInputError("--describe", "the records of the run are missing", "Give better vqa RUN --out SET too")
+        raise InvalidInputError(
+            "--describe", "the records of the run are needed", "Give the run folder too: better vqa RUN --out SET"
+        )
     folder = RunFolder.open(run)
     chat = ChatEndpoint(model.describe, model.model, key_variable=model.key_variable)
     photos = ViewRenderer(folder, size=asked.size, quality=asked.quality)

@@ -1,4 +1,4 @@
-"""``better worlds``: list the worlds with a separate simulator, or install one."""
+"""``better worlds``: list the worlds that need a separate simulator, or install such a simulator."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def worlds_command(
     Example: better worlds install libero
 
     Args:
-        what: list or install.
-        name: The world to install.
+        what: Action: list or install.
+        name: World to install.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.worlds import all_worlds
@@ -44,7 +44,7 @@ def worlds_command(
             OUT.print(str(folder), markup=False, soft_wrap=True)
         return
     if name is not None:
-        raise InvalidInputError("worlds list", f"unexpected argument {name!r}", "Leave it out")
+        raise InvalidInputError("worlds list", f"unexpected argument {name!r}", "Leave out this argument")
     rows = [
         [world.name, "installed" if world.is_installed else "not installed", world.summary] for world in apart.values()
     ]

@@ -1,7 +1,7 @@
 """Scenarios written by a language model, with checks, corrections and stored exchanges.
 
 - ``prompt``: the wording of all requests.
-- ``exchanges``: file with all requests and answers, which can be replayed without the model.
+- ``exchanges``: the file with all requests and answers, which can be replayed without the model.
 - ``author``: the loop that requests scenarios, checks them, and sends problems back.
 """
 

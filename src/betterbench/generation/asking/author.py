@@ -1,4 +1,4 @@
-"""Scenario author based on a language model, with checks, corrections and stored exchanges."""
+"""Author that has a language model write scenarios. Answers are checked, corrected and stored."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEFAULT_TRIES, MOST_TRIES = 3, 20
 _LONGEST_ECHO = 8_000
 """Maximum length of a rejected answer that is sent back [characters]."""
 _MOST_PROBLEMS = 8
-"""Maximum number of problems that are sent back at once."""
+"""Maximum number of problems that are sent back to the model at once."""
 _MOST_SHOWN = 50
 """Maximum number of earlier scenarios that the prompt lists."""
 
@@ -36,8 +36,8 @@ class Refused:
     """Scenario for which the model did not give a valid answer.
 
     Attributes:
-        number: Number of the scenario, from 1.
-        tries: Number of answers of the model.
+        number: Number of the scenario, counted from 1.
+        tries: Number of answers that the model gave.
         problem: First problem in the last answer.
     """
 
@@ -48,7 +48,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios written by a model, by number from 1, and scenarios without a valid answer."""
+    """Scenarios that a model wrote, by number from 1, and the scenarios for which it gave no valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -64,16 +64,16 @@ def ask_for_scenarios(
     vocabulary: Mapping[str, Sequence[str]] | None = None,
     on_progress: OnCount | None = None,
 ) -> Asked:
-    """Let a model write different scenarios for a template.
+    """Have a model write different scenarios for a template.
 
     Args:
         template: Name of the template.
         chat: Model with its stored exchanges.
         count: Number of scenarios.
         tries: Maximum number of answers per scenario. The problems of a rejected answer are sent back to the model.
-        sentence: Sentence of a user that each scenario must match.
-        vocabulary: Allowed asset queries by group, or None for any.
-        on_progress: Called with the number of finished scenarios and of all scenarios.
+        sentence: Sentence of a user that each scenario must match; empty if there is no sentence.
+        vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
+        on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
     Raises:
         UnknownNameError: If the template does not exist.
@@ -100,14 +100,14 @@ def ask_for_scenarios(
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Requirements of a scenario.
+    """Requirements for a scenario that a model writes.
 
     Attributes:
         template: Template of the scenario.
-        sentence: Sentence of a user that the scenario must match; empty for none.
-        vocabulary: Allowed asset queries by group, or None for any.
+        sentence: Sentence of a user that the scenario must match; empty if there is no sentence.
+        vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         before: Earlier scenarios, whose sets of objects must not be repeated.
-        context: Required context; empty for any.
+        context: Required context; empty if any context is allowed.
     """
 
     template: Template
@@ -120,7 +120,10 @@ class Request:
 def ask_for_scenario(
     request: Request, chat: KeptChat, number: int, *, tries: int = DEFAULT_TRIES
 ) -> tuple[Scenario | None, str]:
-    """Let a model write a scenario. Returns the scenario, or None and the first problem in the last answer.
+    """Have a model write a scenario.
+
+    Returns:
+        The scenario and an empty string; or None and the first problem in the last answer.
 
     Raises:
         ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -139,7 +142,11 @@ def ask_for_scenario(
 def _corrected(
     chat: KeptChat, messages: list[Message], request: Request, tries: int, purpose: str
 ) -> tuple[Scenario | None, str]:
-    """Request a scenario with corrections. Returns the scenario, or None and the first problem in the last answer."""
+    """Request a scenario, and send the problems of each rejected answer back to the model.
+
+    Returns:
+        The scenario and an empty string; or None and the first problem in the last answer.
+    """
     problems: Sequence[str] = ()
     for attempt in range(1, tries + 1):
         answer = chat.ask(messages, f"{purpose}, try {attempt}")
@@ -152,7 +159,7 @@ def _corrected(
 
 
 def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[str]]:
-    """Return the scenario of an answer, or None and its problems."""
+    """Parse the scenario in a model's answer. If it is invalid, return None and the list of its problems."""
     try:
         (form,) = parsed_list(answer)
         scenario = scenario_from_answer(form, request.template.name, where="answer[0]")
@@ -170,7 +177,7 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Parse an answer. It must be a JSON list of one scenario; a code fence is removed.
+    """Parse a model's answer, which must be a JSON list with one scenario. A code fence around the list is removed.
 
     Raises:
         InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.
@@ -215,7 +222,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return the deviations from the user's sentence, which are missing objects and places, and other goals."""
+    """Return how a scenario differs from the user's sentence: missing objects, missing places, and other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)
@@ -232,7 +239,7 @@ def _objects(scenario: Scenario) -> list[tuple[str, list[str]]]:
 
 
 def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIES) -> str:
-    """Let a model choose a template for a sentence, and return its name.
+    """Have a model choose a template for a sentence, and return the name of the template.
 
     Raises:
         InvalidInputError: If the model chooses no template, or does not give a readable answer.
@@ -251,12 +258,15 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
     raise InvalidInputError(
         "sentence",
         f"the model chose no template ({problem})",
-        "Choose a template from the list of better list templates",
+        "Give one of the templates that better list templates prints",
     )
 
 
 def _template_in(answer: str) -> tuple[str, str]:
-    """Return the template that an answer names, or "" and the problem."""
+    """Return the template that a model's answer names, and an empty text.
+
+    If the answer names no template, return an empty text and the problem.
+    """
     try:
         found = parse_json(without_fence(answer), unique=True)
     except (ValueError, BetterError) as error:

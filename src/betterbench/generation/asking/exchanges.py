@@ -1,8 +1,8 @@
-"""Stored exchanges with a language model, for replay without the model.
+"""Stored exchanges with a language model, which can be replayed without the model.
 
-Each line of ``exchanges.jsonl`` contains messages, answer and verdict, and a hash that reveals changed lines. A request
-whose answer is in the file is not sent again, so the same command resumes after an interruption. In another run,
-``--replay`` uses the answers in this file instead of a model.
+Each line of ``exchanges.jsonl`` contains the messages, the answer and the verdict of one exchange, and a hash that
+reveals changed lines. A request whose answer is in the file is not sent again, so the same command resumes after an
+interruption. In another run, ``--replay`` uses the answers in this file instead of a model.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from betterbench.json_form import dump_json, read_form, strict_form
 from betterbench.vqa.llm import Chat, Message
 
 FILE_NAME = "exchanges.jsonl"
-"""Name of the file in the output folder."""
+"""Name of the file with exchanges in the output folder."""
 _CURE = "Restore the file from a copy, or choose another folder"
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """Request to a model, with the answer.
+    """A request to a model, with the model's answer.
 
     Attributes:
-        prompt: Identifier of the prompt's wording.
+        prompt: Identifier of the wording of the prompt.
         model: Name of the model.
-        purpose: Purpose of the request ("scenario 3, try 2").
+        purpose: Purpose of the request, such as "scenario 3, try 2".
         messages: Messages of the conversation.
         answer: Text of the answer.
-        verdict: "accepted", or the problems that were sent back.
+        verdict: "accepted", or the problems that were sent back to the model.
         asked_at: Time of the request, in UTC.
         took_s: Time from request to answer [s].
     """
@@ -55,7 +55,7 @@ class Exchange:
 
     @property
     def key(self) -> str:
-        """SHA-256 of the conversation."""
+        """SHA-256 digest of the messages of the conversation."""
         return key_of(self.messages)
 
 
@@ -63,12 +63,12 @@ _EXCHANGE = TypeAdapter(Exchange)
 
 
 def key_of(messages: Sequence[Message]) -> str:
-    """Return the digest of a conversation."""
+    """Return the SHA-256 digest of the messages of a conversation."""
     return hashlib.sha256(dump_json([dict(m) for m in messages])).hexdigest()
 
 
 class ExchangeFile(LineJournal):
-    """File to which exchanges are appended. Each is synced to disk before the next request."""
+    """File to which exchanges with a model are appended. Each exchange is synced to disk before the next request."""
 
     def __init__(self, path: Path) -> None:
         self.known: dict[str, Exchange] = {}
@@ -96,7 +96,7 @@ def _parsed(path: Path, lines: list[bytes]) -> list[tuple[Exchange, str]]:
 
 
 def read_exchanges(path: Path) -> dict[str, Exchange]:
-    """Return the exchanges in a file by the digest of their messages.
+    """Read the exchanges in a file, and return them by the digest of their messages.
 
     Raises:
         InvalidInputError: If the file does not exist or contains no exchange.
@@ -111,14 +111,15 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
 
 
 class KeptChat:
-    """Chat that stores its exchanges, or replays stored exchanges if there is no model.
+    """Chat that stores its exchanges with a model, or replays stored exchanges if there is no model.
 
     See :class:`~betterbench.vqa.llm.Chat`.
 
     Args:
         file: File of the exchanges. A request whose answer is in this file is not sent again.
-        chat: Model, or None to use only stored exchanges.
-        kept: Exchanges of another run, which are copied into the file when they are used.
+        chat: Connection to the model. If it is None, only stored exchanges are used.
+        kept: Exchanges of another run, by the digest of their messages. Each exchange that is used is copied into the
+            file.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ class KeptChat:
         return self._chat.name if self._chat is not None else "replay"
 
     def ask(self, messages: Sequence[Message], purpose: str) -> str:
-        """Return the answer to a request. Call :meth:`judge` afterward.
+        """Return the model's answer to a request. Call :meth:`judge` afterward to store it.
 
         Raises:
             ModelError: If the model does not answer, or the stored exchanges contain no answer.
@@ -170,5 +171,5 @@ class KeptChat:
 
 
 def encoded(text: str) -> str:
-    """Replace lone surrogates, which cannot be stored, in a text."""
+    """Replace lone surrogates in a text, because they cannot be stored."""
     return text.encode("utf-8", "replace").decode("utf-8")

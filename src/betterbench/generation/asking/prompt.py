@@ -1,6 +1,6 @@
-"""Prompt for scenarios: inputs and outputs as in the paper (appendix B.1), with our own wording.
+"""Prompt that requests scenarios. Its inputs and outputs are those of the paper (appendix B.1); its wording is our own.
 
-Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short, and rejected
+Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short and rejected
 scenarios are corrected in separate conversations.
 """
 
@@ -17,7 +17,7 @@ from betterbench.tasks.authoring.template_form import template_to_json
 from betterbench.vqa.llm import Message
 
 PROMPT_ID = "betterbench-scenario-1"
-"""Identifier of the wording, which is stored with each exchange. Change it whenever the wording changes."""
+"""Identifier of the prompt's wording, which is stored with each exchange. Change it whenever the wording changes."""
 
 MAX_TOKENS = 2048
 """Maximum length of an answer [tokens]. A scenario takes about 600 tokens."""
@@ -78,9 +78,9 @@ def scenario_messages(
         template: Template to fill.
         number: Number of the first scenario, which makes the request unique.
         count: Number of scenarios to write.
-        sentence: Sentence of a user that the scenario must match.
-        context: Context that the scenario must have; empty for any.
-        vocabulary: Allowed asset queries by group, for a closed vocabulary.
+        sentence: Sentence of a user that the scenario must match; empty if there is no sentence.
+        context: Context that the scenario must have; empty if any context is allowed.
+        vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         written: Existing scenarios, which must not be repeated.
     """
     parts = [
@@ -100,7 +100,7 @@ def scenario_messages(
 
 
 def written_lines(written: Sequence[Scenario]) -> str:
-    """List names and objects of scenarios, one line each."""
+    """Return the names and the objects of scenarios as text, with one line per scenario."""
     return "\n".join(
         f"- {scenario.name}: {', '.join(o.asset_query for objects in scenario.groups.values() for o in objects)}"
         for scenario in written
@@ -108,7 +108,7 @@ def written_lines(written: Sequence[Scenario]) -> str:
 
 
 def correction(answer: str, problems: Sequence[str]) -> list[Message]:
-    """Return the messages that send a rejected answer back with its problems."""
+    """Return the messages that send a rejected answer back to the model together with the problems of the answer."""
     listed = "\n".join(f"- {problem}" for problem in problems)
     cure = "Write the whole answer again, as JSON only, with these fields corrected."
     text = f"This answer was refused:\n{listed}\n\n{cure}"
@@ -116,7 +116,7 @@ def correction(answer: str, problems: Sequence[str]) -> list[Message]:
 
 
 def template_messages(sentence: str, templates: Sequence[Template]) -> list[Message]:
-    """Return the messages that ask which template fits a sentence."""
+    """Return the messages that ask a model which template fits a sentence."""
     listed = "\n".join(f"- {t.name}: {t.description} {t.goal}" for t in templates)
     system = (
         "You choose the interaction template that fits a request to a robot arm at a table. Answer with JSON only: "

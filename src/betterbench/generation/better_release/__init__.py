@@ -1,10 +1,12 @@
 """Import and audit of tasks in the YAML format of the BeTTER release (github.com/BeingBeyond/BeTTER, July 2026).
 
-- ``files``: the strict reader of the files of a task; ``resolved``: variations with inherited values.
-- ``matching``: categories of our library for its objects; ``layout``: positions on our table.
-- ``building``: the task in our form, with variations as operations on the nearest training condition.
-- ``sentence``: objects named in an instruction; ``predicates``: relations in the initial scene.
-- ``audit``: violations of kinematic isolation, and mismatches of instruction and scene; ``pages``: the report.
+- ``files``: strict reader for the files of a task. ``resolved``: variations with the values that they inherit.
+- ``matching``: search for assets of our library that represent the objects. ``layout``: transfer of positions to our
+  table.
+- ``building``: conversion of a task to our format, with each variation as operations on a training condition.
+- ``sentence``: objects named in an instruction. ``predicates``: relations that hold in the initial scene.
+- ``audit``: search for test motions that do not occur in training, and for instructions that do not match the scene.
+  ``pages``: the files of the audit.
 """
 
 from betterbench.generation.better_release.audit import Audit, Finding, audit_release

@@ -1,6 +1,8 @@
-"""Audit of a release task: violations of kinematic isolation, and mismatches of instruction and scene.
+"""Audit of a task of the BeTTER release.
 
-Distances are those between the poses of the release, before positions are transferred to our table.
+The audit finds violations of kinematic isolation (picks and placements of a test that do not occur in training) and
+mismatches between an instruction and its scene. All distances are measured between the poses in the release, before
+positions are transferred to our table.
 """
 
 from __future__ import annotations
@@ -77,7 +79,7 @@ REMARKS = frozenset(
         ),
     )
 )
-"""Codes of remarks on the import, the file format or undecided cases. All others are faults of the task."""
+"""Codes of remarks on the import, the file format or undecided cases. All other codes are faults of the task."""
 
 _SAME_POSE_M = 0.005
 _FOUND_BY = {"search": "found by its words", "class": "found by its class", "given": "given"}
@@ -85,14 +87,14 @@ _FOUND_BY = {"search": "found by its words", "class": "found by its class", "giv
 
 @dataclass(frozen=True)
 class Finding:
-    """Finding about a variation or the complete task.
+    """A finding of the audit about one variation or the complete task.
 
     Attributes:
         variation: Id of the variation; "" for the complete task.
-        code: Key of :data:`CODES`.
+        code: Kind of finding, a key of :data:`CODES`.
         text: Description of the finding in one sentence.
-        numbers: Measured values by name, which ends with the unit ("nearest_own_cm").
-        objects: Ids of the objects.
+        numbers: Measured values by name. Each name ends with its unit ("nearest_own_cm").
+        objects: Ids of the objects that the finding is about.
     """
 
     variation: str
@@ -103,7 +105,7 @@ class Finding:
 
     @property
     def level(self) -> Level:
-        """Whether the finding is a fault of the task or a remark."""
+        """Whether the finding is a fault of the task or only a remark."""
         return "remark" if self.code in REMARKS else "fault"
 
     def to_json(self) -> dict[str, Any]:
@@ -120,13 +122,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class Audit:
-    """All findings about a task. Those about the complete task precede those about each variation."""
+    """All findings about a task. Findings about the complete task come before those about single variations."""
 
     task: str
     findings: tuple[Finding, ...]
 
     def of(self, variation: str) -> tuple[Finding, ...]:
-        """Return the findings about a variation ("" for the complete task)."""
+        """Return the findings about one variation, or about the complete task if ``variation`` is ""."""
         return tuple(f for f in self.findings if f.variation == variation)
 
     @property
@@ -138,20 +140,21 @@ class Audit:
 def audit_release(
     task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match], built: Built
 ) -> Audit:
-    """Audit a release task.
+    """Audit a task of the BeTTER release.
 
     Args:
-        task: The task.
-        resolved: Its variations.
-        matches: Matched assets by object. Their sizes are used if the release does not contain any.
-        built: The task in our form.
+        task: Task as written in its files.
+        resolved: Variations of the task, including inherited values.
+        matches: Library asset that represents each object. The size of the asset is used, since the release does not
+            state the sizes of objects.
+        built: The same task converted to our task format.
     """
     auditor = _Auditor(task, resolved, matches, built)
     return Audit(task.task.task_id, tuple(auditor.findings()))
 
 
 class _Auditor:
-    """Collector of the findings about a task."""
+    """Search for findings about a task, with one method per group of checks."""
 
     def __init__(
         self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match], built: Built
@@ -168,7 +171,7 @@ class _Auditor:
                 yield from check(self, variation)
 
     def noun(self, name: str) -> str:
-        """Describe an object by noun and id."""
+        """Describe an object by its noun and its id."""
         return f"{self.lexicon.noun(name)} ({name})" if name in self.task.instances else name
 
     def _of_task(self) -> Iterator[Finding]:
@@ -189,7 +192,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------- what is in the files
 
     def files(self, variation: Resolved) -> Iterator[Finding]:
-        """Check ids, groups, poses and assets."""
+        """Check that ids, groups, poses, candidate assets and goals are complete and consistent."""
         known = self.task.instances
         mentioned = {name: "a group" for group in GROUPS for name in variation.groups[group]}
         mentioned |= {p.subject_id: "a predicate" for p in (*variation.success, *variation.fail)}
@@ -222,7 +225,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that the changes of a variation have an effect, and that its groups match the template."""
+        """Check that each change in a variation has an effect, and that its groups match the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:
@@ -251,7 +254,7 @@ class _Auditor:
                     yield Finding(variation.name, "group_size", text, numbers)
 
     def resolved_base(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the group members in the base variation."""
+        """Return the members of each group in the base variation."""
         base = self.task.base
         return {
             group: (*(getattr(base, f"set_{group}_objects") or ()), *getattr(base, f"add_{group}_objects"))
@@ -261,7 +264,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the rules
 
     def rules(self, variation: Resolved) -> Iterator[Finding]:
-        """Check the fail predicates, and whether predicates already hold in the initial state."""
+        """Find missing fail predicates, and goals or fail predicates that already hold in the initial scene."""
         movable = [n for n in variation.active if n not in variation.goals and n != variation.container]
         derived = len(variation.groups["fail"]) * len(self.task.task.defaults.fail_policy.fail_on_relations)
         numbers = {"fail_predicates": len(variation.fail), "objects_without_rule": len(movable)}
@@ -287,7 +290,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the scene
 
     def scene(self, variation: Resolved) -> Iterator[Finding]:
-        """Check the objects in the scene and their positions."""
+        """Check whether each object belongs to a group, and whether objects overlap or lie outside the workspace."""
         left = left_behind(variation, self.training)
         for one in left:
             cm = 100.0 * one.distance_m
@@ -349,7 +352,10 @@ class _Auditor:
         yield from self._placements(variation)
 
     def _turned_deg(self, variation: Resolved, name: str) -> float:
-        """Return the smallest rotation of an object from a training variation [degrees], 0 if it is round."""
+        """Return the smallest angle between the heading of an object and its headings in training [degrees].
+
+        The angle is 0 for a round object.
+        """
         match = self.matches.get(name)
         if match is not None and not match.is_stand_in and match.asset.shape in ("round", "cylinder"):
             return 0.0
@@ -438,7 +444,10 @@ class _Auditor:
             yield Finding(variation.name, "other_target", text, {}, tuple(sorted(targets)))
 
     def twins(self, variation: Resolved) -> Iterator[Finding]:
-        """Find earlier variations with the same scene and instruction, and training variations with equal content."""
+        """Find earlier variations with the same scene and the same instruction as a variation.
+
+        They are reported if their goals differ, or if a training variation is the same as a test variation.
+        """
         for other in self.resolved.values():
             if other.name == variation.name:
                 return
@@ -462,7 +471,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------------- our own form
 
     def form(self, variation: Resolved) -> Iterator[Finding]:
-        """List the parts of the variation that are missing in betterbench's representation."""
+        """List the parts of a variation that could not be converted to our task format."""
         shown = self.built.variations[variation.name]
         if shown.name is None and variation.enabled:
             yield Finding(variation.name, "not_represented", f"{'; '.join(shown.reasons)}.".capitalize())

@@ -1,4 +1,8 @@
-"""Conversion of a release task: training conditions, and variations as operations on the nearest training condition."""
+"""Conversion of a task of the BeTTER release to our task format.
+
+Training variations become training conditions. A test variation becomes a list of operations on the training condition
+from which the fewest operations are needed.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +45,10 @@ _OF_RELATION: Mapping[str, tuple[str, Role]] = {
     "layer": ("logical_assembly", "container"),
     "beside": ("patterned_arrangement", "fixture"),
 }
-"""Template and target role for each of our relations."""
+"""Template and role of the target, for each of our relations."""
 
 _SIDES = {"left_of": "left", "right_of": "right", "behind": "behind"}
-"""Relations of the release that our relation "beside" covers, with the region. Our relation also requires alignment."""
+"""Relations of the release that our relation "beside" covers, and its region. Our relation also requires alignment."""
 
 _HYPOTHESES = {
     Axis.SPATIAL_LAYOUT_SHIFT: "Objects are found by what they are, not by where they lay in training.",
@@ -61,12 +65,12 @@ class Represented:
     """Representation of a release variation in our task format.
 
     Attributes:
-        name: Name of the condition in our task ("train1", "O1"), None if the variation is not represented.
+        name: Name of the condition in our task ("train1", "O1"), or None if the variation is not represented.
         reasons: Reasons why the variation cannot be represented.
-        left_out: Objects that are in the scene of the release but not in our condition, with the reason.
-        predicates: Predicates that have no counterpart.
-        base: Training condition from which a variation is derived.
-        operations: Operations on the training condition, as text.
+        left_out: Objects that are in the scene of the release but not in our condition, each with the reason.
+        predicates: Predicates of the release that have no counterpart among our relations.
+        base: Training condition from which a test variation is derived.
+        operations: Operations on that training condition, described as text.
     """
 
     name: str | None
@@ -93,28 +97,28 @@ class Built:
 
 
 def task_id_of(task: ReleaseTask) -> str:
-    """Return the id of the task in our form ("better_packing_a_fruit_lunch")."""
+    """Return the id that a release task gets in our task format ("better_packing_a_fruit_lunch")."""
     plain = re.sub(r"[^a-z0-9]+", "_", task.task.task_id.lower()).strip("_")
     return f"better_{plain}"[:60].rstrip("_")
 
 
 def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> Built:
-    """Build a task of our library from a release task.
+    """Convert a release task to our task format, with objects from our library.
 
-    Objects without a matched asset are left out, and so are objects that a variation replaces but leaves in the scene.
-    A variation whose goals cannot be expressed is not represented.
+    Objects that no library asset represents are left out, as are objects that a variation replaces but does not remove
+    from the scene. A variation is left out if our task format cannot express its goals.
 
     Args:
         task: The release task.
-        resolved: Its variations.
-        matches: Matched assets by object.
+        resolved: Variations of the release task, including inherited values.
+        matches: Library asset that represents each object, by object id.
     """
     maker = _Maker(task, resolved, matches)
     return maker.build()
 
 
 class _Maker:
-    """Builder of the conditions of a task."""
+    """Builds the conditions of a task."""
 
     def __init__(self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> None:
         self.task, self.resolved, self.matches = task, resolved, matches
@@ -185,13 +189,16 @@ class _Maker:
         return found
 
     def _at_rest(self, variation: Resolved) -> tuple[str, ...]:
-        """Return the objects that start in a slot."""
+        """Return the objects of a variation that start in a slot on the table."""
         inside = self._preplaced(variation)
         names = (name for name in variation.active if name not in inside)
         return tuple(name for name in names if name not in self.left_out[variation.name])
 
     def _preplaced(self, variation: Resolved) -> tuple[str, ...]:
-        """Return the objects that start in the container, according to the sizes of our assets."""
+        """Return the objects that are already in the container at the start.
+
+        This is judged from the sizes of our assets.
+        """
         sizes = {name: match.asset.size_m for name, match in self.matches.items()}
         container = variation.container
         if container not in self.matches or "inside" not in _regions(self.matches[container]):
@@ -204,7 +211,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons that prevent a variation from being represented."""
+        """Return the reasons why our task format cannot represent a variation; empty if it can."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -235,7 +242,10 @@ class _Maker:
     # ------------------------------------------------------------------------------------------------------- relations
 
     def _template(self) -> tuple[Template | None, Role]:
-        """Return the template of the first goal with a counterpart, and the role of its target."""
+        """Return a template, and the role of the goals' target in it.
+
+        The template is that of the first goal whose relation also exists in our task format.
+        """
         for variation in self.resolved.values():
             for predicate in variation.success:
                 found = self._relation(predicate)
@@ -245,7 +255,10 @@ class _Maker:
         return None, "container"
 
     def _relation(self, predicate: ReleasePredicate) -> tuple[str, str] | None:
-        """Return our relation and its region for a predicate, or None if there is no counterpart."""
+        """Return the relation in our task format that corresponds to a predicate, and the region of the target.
+
+        Return None if our task format has no such relation.
+        """
         if predicate.target_id not in self.matches:
             return None
         regions = _regions(self.matches[predicate.target_id])
@@ -260,7 +273,11 @@ class _Maker:
         return ("beside", side) if side and side in regions else None
 
     def _is_covered(self, predicate: ReleasePredicate, variation: Resolved) -> bool:
-        """Return whether a predicate is a goal, or a fail predicate that our exclusive goal implies."""
+        """Return whether our task format covers a predicate.
+
+        A goal is covered if our format has its relation. A fail predicate is covered if it forbids putting an
+        object into or onto the container, because our goals allow no other objects there.
+        """
         if predicate in variation.success:
             return self._relation(predicate) is not None
         return predicate.target_id == variation.container and predicate.relation in ("in", "on")
@@ -278,7 +295,7 @@ class _Maker:
         return ObjectSpec(name, self._kind(name), match.category, color, role, fixed=False)
 
     def _kind(self, name: str) -> str:
-        """Return the noun of an object, with its color if another object has the same noun."""
+        """Return the noun of an object. The color is included if another object has the same noun."""
         noun = self.lexicon.noun(name)
         others = [other for other in self.task.instances if other != name and self.lexicon.noun(other) == noun]
         color = color_of(self.task.instances[name])
@@ -324,7 +341,11 @@ class _Maker:
         made: Represented,
         before: Sequence[Variation],
     ) -> tuple[Represented, Variation | None]:
-        """Return a variation as operations on the training condition that requires the fewest."""
+        """Express a test variation as operations on a training condition: the one from which the fewest are needed.
+
+        Returns:
+            The completed representation, and the variation. The variation is None if it cannot be expressed.
+        """
         ways = {
             name: operations
             for name, base in training.items()
@@ -358,7 +379,7 @@ def _same(one: Condition, other: Condition) -> bool:
 
 
 def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate]:
-    """Return predicates ordered so that a target is placed before the objects on it."""
+    """Order predicates so that a supporting object is placed before the objects that are placed on it."""
     waiting, found = list(predicates), []
     while waiting:
         subjects = {p.subject_id for p in waiting}
@@ -369,9 +390,10 @@ def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate
 
 
 def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, Slot]) -> tuple[Operation, ...] | None:
-    """Return the operations that convert a condition to another one, or None if this is not possible.
+    """Return the operations that convert one condition to another, or None if this is not possible.
 
-    The order is: replacements, removals, moves and exchanges, additions, pre-placements, instruction.
+    The operations are ordered as follows: replacements, removals, moves and exchanges, additions, pre-placements, and
+    finally the instruction.
     """
     found: list[Operation] = []
     now = base
@@ -408,7 +430,7 @@ def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, S
 
 
 def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operation], None]) -> None:
-    """Replace objects whose slot a new object takes, and remove the other objects that are gone."""
+    """Replace each unwanted object by the new object that needs its slot, or remove it if no new object does."""
     gone = [spec for spec in base.objects if spec not in wanted.objects]
     gone += [s for s in base.objects if s in wanted.objects and s.name in base.preplaced and s.name in wanted.layout]
     new = {wanted.layout[s.name]: s for s in wanted.objects if s not in base.objects and s.name in wanted.layout}
@@ -420,7 +442,7 @@ def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operatio
 def _arrange(
     now: Callable[[], Condition], wanted: Condition, slots: Mapping[str, Slot], do: Callable[[Operation], None]
 ) -> None:
-    """Move objects to free slots, and exchange objects where no slot is free."""
+    """Move objects to the slots in which they are wanted. If none of these slots is free, exchange two objects."""
     while True:
         state = now()
         astray = [n for n, s in state.layout.items() if n in wanted.layout and wanted.layout[n] != s]
@@ -440,7 +462,11 @@ def _arrange(
 
 
 def axis_of(operations: Sequence[Operation]) -> Axis:
-    """Return the axis of operations, the first that applies of object, temporal, layout and instruction."""
+    """Return the axis of a variation, judged from its operations.
+
+    If the operations belong to several axes, the variation gets the first of these axes in the order object
+    perturbation, temporal extrapolation, layout shift, recomposition.
+    """
     names = {operation.name for operation in operations}
     if names & {"replace", "add", "remove"}:
         return Axis.ADVERSARIAL_OBJECT_PERTURBATION
@@ -450,7 +476,7 @@ def axis_of(operations: Sequence[Operation]) -> Axis:
 
 
 def _title(operations: Sequence[Operation]) -> str:
-    """Describe operations briefly. Many moves are summarized by their number."""
+    """Describe operations in a short title. If there are many moves, the title states only their number."""
     moves = [operation for operation in operations if operation.name in ("move", "swap")]
     others = [_said(operation) for operation in operations if operation not in moves]
     count = sum(1 if operation.name == "move" else 2 for operation in moves)
@@ -459,7 +485,7 @@ def _title(operations: Sequence[Operation]) -> str:
 
 
 def _said(operation: Operation) -> str:
-    """Describe an operation ("apple moved to slot_3")."""
+    """Describe an operation in a few words ("apple moved to slot_3")."""
     arguments = {key: getattr(value, "kind", getattr(value, "name", "")) for key, value in operation.arguments.items()}
     match operation.name:
         case "swap":

@@ -1,9 +1,9 @@
 """Strict reader for a task folder of the BeTTER release.
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
-be missing) and ``variations/ID.yaml``; its constraint template, which may be missing, is in ``task_templates`` of the
-clone. The field names are those of the release at commit 9d75971. The YAML reader is an argument, because only one
-package may import the YAML library.
+be missing) and ``variations/ID.yaml``. The constraint template of the task is in the folder ``task_templates`` of the
+clone, and may be missing. The field names are those of the release at commit 9d75971. The YAML reader is an argument,
+because only one package may import the YAML library.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ BASE = "BASE"
 """Default id of the base variation, which every other variation extends."""
 
 MOST_VARIATIONS = 200
-"""Maximum number of variations of a task."""
+"""Maximum number of variations that a task may have."""
 
 _CURE = "Correct the file, or restore it from the release"
 _QUOTE = "Quote the words on, off, yes and no, which YAML reads as booleans"
 
 MOST_OBJECTS = 100
-"""Maximum number of objects of a task."""
+"""Maximum number of objects that a task may have."""
 
 FormT = TypeVar("FormT")
 
@@ -53,7 +53,7 @@ def _inside(text: str) -> str:
 
 def _unit(rotation: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     if abs(math.hypot(*rotation) - 1.0) > _UNIT_TOLERANCE:
-        raise ValueError("is not a rotation: the numbers (w, x, y, z) must have the length 1")
+        raise ValueError("is not a rotation: the quaternion (w, x, y, z) must have unit length")
     return rotation
 
 
@@ -103,7 +103,10 @@ class ReleasePredicate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChannelChange:
-    """Changes of the success or fail predicates derived from the groups: replaced, appended and removed predicates."""
+    """Changes to the success predicates, or to the fail predicates, that the release derives from the groups.
+
+    Predicates can be replaced, appended and removed.
+    """
 
     replace: tuple[ReleasePredicate, ...] | None = None
     append: tuple[ReleasePredicate, ...] = ()
@@ -113,7 +116,7 @@ class ChannelChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PolicyChange:
-    """Changes of both lists of predicates."""
+    """Changes to the success predicates and to the fail predicates."""
 
     success: ChannelChange = field(default_factory=ChannelChange)
     fail: ChannelChange = field(default_factory=ChannelChange)
@@ -124,8 +127,8 @@ class PolicyChange:
 class VariationFile:
     """A variation (or the base variation) as written in its file.
 
-    See :func:`betterbench.generation.better_release.resolve`. The lists ``set_*``, ``add_*`` and ``remove_*`` change
-    the members of a group.
+    The lists ``set_*``, ``add_*`` and ``remove_*`` change the members of a group. Inherited values are not filled in;
+    see :func:`betterbench.generation.better_release.resolve`.
     """
 
     variation_id: _Id
@@ -174,7 +177,7 @@ class _Registry:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TaskFileForm:
-    """The file ``task.yaml``."""
+    """Content of the file ``task.yaml``."""
 
     task_id: _Id
     template_type: _Id
@@ -247,10 +250,10 @@ class TemplateSlot:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ReleaseTemplate:
-    """A file of ``task_templates``.
+    """Content of a file in the folder ``task_templates``.
 
     The published templates contain ``on`` without quotes, which YAML 1.1 parses as the boolean true. The audit reports
-    this.
+    relations that were parsed as booleans.
     """
 
     template_id: _Id
@@ -281,13 +284,13 @@ class ReleaseTask:
     Attributes:
         folder: Folder of the task.
         task: Content of ``task.yaml``.
-        base: The base variation.
+        base: Base variation, which all other variations extend.
         variations: The other variations by id, sorted.
         instances: Objects by id, in the order of the file.
         groups: Ids of the container, goal, fail and decor objects in ``object_universe.yaml``.
-        candidates: Source ids of an object's assets by object id; None without ``asset_bindings.yaml``.
-        names: Further names of objects by id, from ``asset_bindings.yaml``.
-        template: Constraint template, or None if it is missing in the clone.
+        candidates: Source ids of the assets for each object, by object id. None if ``asset_bindings.yaml`` is missing.
+        names: Further names of objects by object id, from ``asset_bindings.yaml``.
+        template: Constraint template, or None if the clone does not contain it.
     """
 
     folder: Path
@@ -302,10 +305,10 @@ class ReleaseTask:
 
 
 def find_tasks(folder: Path) -> tuple[Path, ...]:
-    """Return the task folders of a clone of the release, or the folder itself if it is a task.
+    """Return the task folders in a clone of the release, or the folder itself if it is a task folder.
 
     Raises:
-        InvalidInputError: If there is none.
+        InvalidInputError: If the folder contains no task.
     """
     if (folder / "task.yaml").is_file():
         return (folder,)
@@ -321,13 +324,13 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
     """Read a task of the release.
 
     Args:
-        folder: Folder with its ``task.yaml``.
-        read_yaml: Function that reads a YAML file; the function must limit the size and the depth, and reject aliases.
+        folder: Folder that contains ``task.yaml``.
+        read_yaml: Function that reads a YAML file. It must limit the size and the depth, and reject aliases.
 
     Raises:
         InvalidInputError: If a file is missing, is a link out of the folder or is not YAML; if a field is missing,
-            unknown or of the wrong type; if a variation does not extend the base variation; or if registry and files
-            differ.
+            unknown or of the wrong type; if a variation does not extend the base variation; or if the variation
+            registry in ``task.yaml`` and the variation files differ.
     """
 
     def read(adapter: TypeAdapter[FormT], *parts: str) -> FormT:
@@ -368,7 +371,7 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
             instances[instance.instance_id] = instance
     if len(instances) > MOST_OBJECTS:
         problem = f"lists {len(instances)} objects"
-        _refuse(folder / "object_universe.yaml", "objects", problem, f"A task has at most {MOST_OBJECTS}")
+        _refuse(folder / "object_universe.yaml", "objects", problem, f"Use at most {MOST_OBJECTS} objects")
     if not universe.container:
         _refuse(folder / "object_universe.yaml", "container", "is empty", "List the container of the task")
     return ReleaseTask(
@@ -391,7 +394,10 @@ def _refuse(file: Path, field_path: str, problem: str, cure: str) -> None:
 
 
 def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
-    """Return the names of the variations, after comparing the registry with the files."""
+    """Return the sorted names of the variations.
+
+    The registry in ``task.yaml`` and the folder of variation files must contain the same names.
+    """
     listed = (*task.variation_registry.train, *task.variation_registry.eval)
     where = folder / "task.yaml"
     twice = sorted({name for name in listed if listed.count(name) > 1})
@@ -401,7 +407,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
         _refuse(where, "variation_registry.train", "is empty", "List a training variation or more")
     if len(listed) > MOST_VARIATIONS:
         problem = f"lists {len(listed)} variations"
-        _refuse(where, "variation_registry", problem, f"A task has at most {MOST_VARIATIONS}")
+        _refuse(where, "variation_registry", problem, f"Use at most {MOST_VARIATIONS} variations")
     files = {file.stem for file in (folder / "variations").glob("*.yaml")}
     missing = [name for name in listed if name not in files]
     if missing:
@@ -410,7 +416,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
     unlisted = sorted(files - set(listed))
     if unlisted:
         shown = one_line(repr(unlisted[0]), most=120)
-        problem = f"does not list {shown}, which has a file"
+        problem = f"does not list {shown}, although a file with this name exists"
         _refuse(where, "variation_registry", problem, "List it under train or eval, or remove the file")
     return sorted(listed)
 
@@ -428,7 +434,7 @@ def _require_own_place(file: Path, name: str, variation: VariationFile, base: Va
 
 
 def _template(folder: Path, task: TaskFileForm, read_yaml: YamlReader) -> ReleaseTemplate | None:
-    """Return the template of a task in a clone, from ``task_templates`` next to ``tasks/TEMPLATE/TASK``."""
+    """Read the constraint template of a task from ``task_templates`` in the clone. Return None if it is missing."""
     if len(folder.absolute().parents) < 3:
         return None
     home = folder.absolute().parents[2] / "task_templates"

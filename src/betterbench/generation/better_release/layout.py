@@ -1,10 +1,10 @@
-"""Transfer of the initial positions of the release to our table.
+"""Transfer of the initial positions of a BeTTER release task to our table.
 
 Both world frames have the robot base at the origin, x away from the robot and y to the left, so positions are used
-unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary.
-Afterwards it is reachable, visible to the front camera, and free of overlaps of betterbench's assets in every scene.
-The order of two objects in a scene from left to right and from near to far is kept. Headings of the release are not
-used, because our assets have other axes. Instead, each slot has a heading at which the gripper can open.
+unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary, until
+it is reachable, visible to the front camera, and free of overlaps between our assets in every scene. In each scene, the
+order of the objects from left to right and from near to far is kept. The headings in the release are not used, because
+the axes of our assets are oriented differently. Instead, each slot has a heading at which the gripper can open.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SAME_SLOT_M = 0.025
 placement.
 """
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
-"""Jitter of slots, and of slots of targets [m]."""
+"""Position jitter of the slots of objects, and of the slots of targets [m]."""
 GAP_M = 0.04
 """Clearance between two objects [m]: a finger, plus the jitter of both."""
 TARGET_GAP_M = 0.05
@@ -38,20 +38,23 @@ NEAR_X_M, FAR_X_M = 0.36, 0.69
 FAR_TARGET_X_M = 0.60
 """Maximum distance of the center of a target from the robot base [m]."""
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
-"""Limit of |y| in the front camera, 0.36 - 0.19 x [m], with a margin of 8 mm for all camera jitters and 1 cm for slot
-jitter. A test compares it with the camera.
+"""Limit of |y| for positions that the front camera sees: 0.36 - 0.19 x [m]. It includes a margin of 8 mm for all camera
+jitters and 1 cm for slot jitter. A test compares the limit with the camera.
 """
 FRONT_CAMERA_M = (1.45, 0.0, 0.95)
-"""Position of the front camera in the world frame [m]. A test compares it with the scene."""
+"""Position of the front camera in the world frame [m]. A test compares it with the camera in the scene."""
 _QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
 _ORDERED_M, _KEPT_M = 0.02, 0.004
 _ROUNDS, _MOST_STEPS = 900, 2_000_000
-"""Maximum number of rounds of pushing slots apart, and maximum total number of pairs."""
+"""Maximum number of rounds in which slots are pushed apart, and maximum number of pairs pushed in all rounds."""
 _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return the distance of a position from the reachable and visible part of our table, 0 inside [m]."""
+    """Return the distance of a position from the reachable and visible part of our table [m].
+
+    The distance is 0 if the position is inside this part.
+    """
     inside_x = min(max(x, NEAR_X_M), FAR_X_M)
     limit = SEEN_AT_0_M - SEEN_SLOPE * inside_x
     inside_y = min(max(y, -limit), limit)
@@ -72,7 +75,7 @@ class _Cluster:
     users: list[tuple[str, str]] = field(default_factory=list)
 
     def take_in(self, variation: str, name: str, match: Match) -> None:
-        """Add an object of a variation to the cluster, and update the required room."""
+        """Add an object of a variation to the cluster, and enlarge the room that the cluster's slot needs."""
         half_x, half_y = _half_extents(match, self.yaw)
         if not self.is_target:  # the heading is not known yet
             half_x = half_y = max(half_x, half_y)
@@ -82,14 +85,15 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class PlacedSlots:
-    """Slots of a task.
+    """Slots of a task after they were placed on our table.
 
     Attributes:
-        slots: The slots by name.
-        of: Slot name by variation and object.
+        slots: Slots by name.
+        of: Name of the slot for each pair of variation and object.
         moved_m: Distance of each slot from its position in the release [m].
-        crowded: Pairs of slots of a scene that could not be separated, with the missing distance [m].
-        hidden: Objects whose center the target hides from the front camera, by variation.
+        crowded: Pairs of slots in the same scene that could not be moved far enough apart, with the missing distance
+            [m].
+        hidden: Pairs of variation and object for which the target hides the object's center from the front camera.
     """
 
     slots: Mapping[str, Slot]
@@ -102,12 +106,12 @@ class PlacedSlots:
 def place_slots(
     variations: Sequence[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> PlacedSlots:
-    """Return the slots for some variations.
+    """Place the slots for the objects of all variations on our table.
 
     Args:
-        variations: The variations, training variations first.
-        present: Objects by variation that start in a slot.
-        matches: Matched assets by object.
+        variations: Variations of the task, training variations first.
+        present: Objects that start in a slot, by variation.
+        matches: Library asset that represents each object, by object id.
     """
     clusters: list[_Cluster] = []
     target_yaw = {name: _open_yaw(name, variations, present, matches) for name in {v.container for v in variations}}
@@ -158,7 +162,10 @@ def place_slots(
 def _same_slot(
     clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
-    """Return the cluster nearest to a position, excluding clusters of other objects in the variation."""
+    """Return the existing cluster (slot) to which a position belongs, or None.
+
+    It is the nearest cluster within the merging distance that no other object of the same variation uses.
+    """
     near = [
         c
         for c in clusters
@@ -172,7 +179,10 @@ def _same_slot(
 def _open_yaw(
     name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> float:
-    """Return a heading of a target that hides few goal objects, preferably that of the suite [rad]."""
+    """Return the heading at which a target hides the fewest goal objects from the camera [rad].
+
+    Among equally good headings, the one that is usual in the suite is preferred.
+    """
     if name not in matches:
         return 0.0
     usual = _usual_yaw(matches[name].category)
@@ -194,7 +204,7 @@ def _open_yaw(
 def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
     """Return whether a target blocks the front camera's view of the center of an object.
 
-    The collision shapes of the target are approximated by their boxes.
+    The collision shapes of the target are approximated by their bounding boxes.
     """
     frame = Pose((stand.x, stand.y, 0.0), from_yaw(stand.yaw)).inverse()
     eye, middle = frame.apply(FRONT_CAMERA_M), frame.apply((place.x, place.y, 0.5 * match.asset.size_m[2]))
@@ -202,7 +212,10 @@ def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
 
 
 def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
-    """Return whether a line segment crosses the box of a collision shape, in the frame of its asset."""
+    """Return whether a line segment crosses the bounding box of a collision shape.
+
+    The end points of the segment are given in the frame of the asset to which the shape belongs.
+    """
     center, half = np.zeros(3), np.asarray(part.size)
     if part.shape == "hull" and part.vertices is not None:
         low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
@@ -221,7 +234,7 @@ def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
 
 @functools.cache
 def _usual_yaw(category: str) -> float:
-    """Return the heading of targets of a category in the suite, or 0 if there are none [rad]."""
+    """Return the most frequent heading of a category's targets in the suite [rad]; 0 if the suite has none."""
     yaws = Counter(
         task.slot(condition.layout[spec.name]).yaw
         for task in map(get_task, suite_tasks("better60"))
@@ -239,7 +252,7 @@ def _half_extents(match: Match, yaw: float) -> tuple[float, float]:
 
 
 def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, str, float], ...]]:
-    """Return positions (n, 2) of the clusters [m] without overlaps, and the pairs that still overlap."""
+    """Move the slots apart. Return the positions (n, 2) [m], and the pairs of slots that still overlap."""
     wished = np.array([(c.x, c.y) for c in clusters]).reshape(-1, 2)
     places = wished.copy()
     pairs = _together(clusters)
@@ -263,7 +276,7 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
 def _free_yaw(
     i: int, targets: list[int], clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]
 ) -> float:
-    """Return a heading of a slot at which the gripper opens along the nearest wall of a target [rad]."""
+    """Return the heading of a slot with which the gripper opens parallel to the nearest wall of a target [rad]."""
     grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
     if not grasps or not targets:
         return 0.0
@@ -275,13 +288,16 @@ def _free_yaw(
 
 
 def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
-    """Return the pairs of slots that one scene uses."""
+    """Return the index pairs of the slots that occur together in a scene."""
     scenes = [{variation for variation, _ in c.users} for c in clusters]
     return [(i, j) for i in range(len(clusters)) for j in range(i + 1, len(clusters)) if scenes[i] & scenes[j]]
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return the missing clearance between two slots along x and y, negative if there is enough [m]."""
+    """Return how much clearance is missing between two slots along x and y [m].
+
+    Negative values mean that none is missing.
+    """
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
     return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])
@@ -316,7 +332,7 @@ def _keep_order(places: np.ndarray, wished: np.ndarray, i: int, j: int) -> None:
 
 
 def _inside(cluster: _Cluster, x: float, y: float) -> tuple[float, float]:
-    """Return the nearest position inside the workspace."""
+    """Return the position inside the workspace that is nearest to a given position."""
     far = FAR_TARGET_X_M if cluster.is_target else FAR_X_M
     x = min(max(x, NEAR_X_M), far)
     limit = max(0.0, SEEN_AT_0_M - SEEN_SLOPE * x - (0.5 * cluster.half_y if cluster.is_target else 0.0))

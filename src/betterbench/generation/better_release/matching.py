@@ -1,4 +1,4 @@
-"""Matching of release objects with categories of our library by a catalogue search."""
+"""Search of the catalogue for library assets that represent the objects of a BeTTER release task."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 SOURCE = "procedural"
 _HITS = 40
 _LARGEST_ITEM_M = 0.17
-"""Maximum extent of a carried object [m]: that of the library's plates, which are grasped at the rim."""
+"""Maximum extent of a carried object [m]. It is the size of the library's plates, which are grasped at the rim."""
 _BY_CLASS = 0.25
 """Score factor for an asset that only belongs to the same class as the object ("fruit")."""
 _OTHER_NOUN, _OTHER_COLOR, _SAME_CATEGORY, _SAME_ASSET = 0.6, 0.7, 0.7, 0.1
@@ -37,12 +37,14 @@ class Match:
 
     Attributes:
         category: Asset category of betterbench.
-        color: Color, or None for the default colors.
-        score: Score of the search in [0, 1]; 1 for a category that the user has named.
+        color: Color, or None to use the default colors.
+        score: Search score in [0, 1]; 1 for a category that the user has named.
         how: Origin of the match. "name": the noun of the object is the category. "search": the category was found by
-            words or meaning. "class": it only belongs to the same class. "given": the user named it.
-        asset: First appearance of the category, for sizes and regions.
-        is_stand_in: Whether the noun of the object is not the category, so that the asset may look like another object.
+            words or meaning. "class": the category only belongs to the same class as the object. "given": the user
+            named the category.
+        asset: First variant of the category, from which sizes and regions are read.
+        is_stand_in: Whether the noun of the object differs from the category, so that the asset may look like another
+            object.
     """
 
     category: str
@@ -55,10 +57,11 @@ class Match:
 
 @contextmanager
 def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
-    """Open a catalogue of the library. Without the text encoder, it is only searched by words.
+    """Open a catalogue of the library's assets. If the text encoder is not installed, it can be searched only by words.
 
     Args:
-        folder: Folder of an existing catalogue; None to index the built-in generators into a temporary one.
+        folder: Folder of an existing catalogue. If it is None, the built-in generators are indexed into a temporary
+            catalogue.
     """
     try:
         encoder: TextEncoder | None = open_encoder()
@@ -67,7 +70,7 @@ def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
 
     def opened(_: str) -> TextEncoder:
         if encoder is None:
-            raise AssertionError("a catalogue without an encoder has no vectors")
+            raise AssertionError("a catalogue without a text encoder contains no vectors to compare")
         return encoder
 
     with ExitStack() as stack:
@@ -81,15 +84,15 @@ def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
 def match_instances(
     task: ReleaseTask, catalogue: Catalogue, *, given: Mapping[str, str] | None = None
 ) -> dict[str, Match]:
-    """Return the matched assets by object. Objects without a similar asset are left out.
+    """Return the library asset that represents each object. Objects without a similar asset are left out.
 
-    Containers are matched with categories that have an inside, a stack or a marked region, other objects with
-    categories that can be grasped. A category is only used twice if no unused one fits.
+    Containers are represented by categories into or onto which objects can be put. All other objects are represented by
+    categories that can be grasped. A category is used twice only if no unused category fits.
 
     Args:
-        task: The task.
-        catalogue: A catalogue that contains the procedural library.
-        given: Categories by object that the user named.
+        task: The release task.
+        catalogue: Catalogue that contains the procedural library.
+        given: Categories that the user named, by object.
 
     Raises:
         UnknownNameError: If a given object or category does not exist.
@@ -103,7 +106,7 @@ def match_instances(
             raise UnknownNameError("asset category", category, categories())
     if SOURCE not in catalogue.sources:
         cure = "Run better assets index procedural, or leave out --catalogue"
-        raise InvalidInputError("--catalogue", "it does not contain the procedural library", cure)
+        raise InvalidInputError("--catalogue", "the catalogue does not contain the procedural library", cure)
     matches: dict[str, Match] = {}
     targets = _targets(task)
     # exact names first, so that a substitute does not take the category of another object
@@ -122,7 +125,7 @@ def match_instances(
 
 
 def _targets(task: ReleaseTask) -> frozenset[str]:
-    """Return the objects that may be targets, which are members of the container group and named containers."""
+    """Return the objects that may be targets: members of the container group, and containers named by variations."""
     named = (v.container_instance_id for v in (task.base, *task.variations.values()))
     return frozenset((*task.groups["container"], *filter(None, named)))
 
@@ -145,7 +148,7 @@ def _match(category: str, color: str | None, score: float, how: str, *, is_stand
 def _found(
     catalogue: Catalogue, task: ReleaseTask, instance: ReleaseInstance, taken: Iterable[Match], *, is_target: bool
 ) -> Match | None:
-    """Return the best match for an object by its query, by its noun, or by a class that contains the noun."""
+    """Return the best match for an object. It is searched for by its query, by its noun, and by classes of the noun."""
     nouns = nouns_of(instance, task.names.get(instance.instance_id, ""))
     color, used = color_of(instance), {(m.category, m.color) for m in taken}
     queries = [(instance.retrieval_query, 1.0), (" ".join(nouns[0]), 1.0)]
@@ -171,7 +174,10 @@ def _found(
 def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
-    """Return the suitability factor of an asset, reduced for another noun or color or a category that is in use."""
+    """Return a factor in (0, 1] by which the search score of an asset is multiplied.
+
+    It is below 1 if the noun or the color differs from that of the object, or if the category is already in use.
+    """
     exact = _noun_of(hit.entry.category) in nouns
     category, own = hit.entry.category, hit.entry.color
     taken = (category, own) in used or ((category, None) in used and own == colors(category)[0])
@@ -186,7 +192,7 @@ def _suitability(
 
 
 def _fits(hit: Hit, *, is_target: bool) -> bool:
-    """Return whether an asset is suitable as a target or as a carried object."""
+    """Return whether an asset is suitable as a target, or as an object that is carried."""
     category = hit.entry.category
     asset = build_unpainted(category, look=looks(category)[0], color=hit.entry.color or colors(category)[0])
     regions = {region.name for region in asset.regions}

@@ -19,10 +19,10 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Imported:
-    """Imported release task, with match, audit and certification results.
+    """Imported release task, with its library assets and the results of the audit and the certification.
 
     Attributes:
-        certificate: Certification results by condition of our task; empty without certification.
+        certificate: Certification results by condition of our task; empty if the task was not certified.
     """
 
     release: ReleaseTask
@@ -34,16 +34,16 @@ class Imported:
 
     @property
     def task_id(self) -> str | None:
-        """Id of our task, None if no training variation can be represented."""
+        """Id of the task in our format, or None if no training variation can be represented."""
         return None if self.built.task is None else self.built.task.id
 
     def certified(self, variation: str) -> Summary | None:
-        """Return the result of the certificate for a variation of the release."""
+        """Return the certification result of a release variation, or None if it was not certified."""
         return self.certificate.get(self.built.variations[variation].name or "")
 
 
 def certified_text(summary: Summary | None) -> str:
-    """Format a certification result ("3/3", "0/3: (b)"); "" without a result."""
+    """Format a certification result ("3/3", "0/3: (b)"). The text is empty if there is no result."""
     if summary is None:
         return ""
     failed = [f"({letter})" for letter in CLAUSES if summary.clauses[letter] < summary.n]
@@ -51,7 +51,7 @@ def certified_text(summary: Summary | None) -> str:
 
 
 def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
-    """Return a remark per failed clause, with an example seed."""
+    """Return a remark for each clause of a certificate that failed, with an example seed."""
     notes = () if summary is None else summary.notes
     firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
     return tuple(filter(None, firsts))
@@ -61,8 +61,8 @@ def audit_form(tasks: Iterable[Imported], *, suite: str | None) -> dict[str, Any
     """Return audits as a JSON-serializable dict.
 
     Args:
-        tasks: The imported tasks.
-        suite: Name of the folder of the suite, or None if no task can be represented.
+        tasks: Imported tasks, each with its audit.
+        suite: Name of the suite folder, or None if no task can be represented in our format.
     """
     return {"schema_version": SCHEMA_VERSION, "suite": suite, "tasks": [_task_form(one) for one in tasks]}
 
@@ -114,7 +114,7 @@ def _variation_form(one: Imported, name: str) -> dict[str, Any]:
 
 
 def counts_of(findings: Sequence[Finding]) -> tuple[int, int]:
-    """Return the numbers of faults and of remarks in the findings."""
+    """Return the number of faults and the number of remarks among findings."""
     faults = sum(f.level == "fault" for f in findings)
     return faults, len(findings) - faults
 
@@ -158,7 +158,10 @@ def _asset_text(match: Match) -> str:
 
 
 def _section(one: Imported, name: str) -> list[str]:
-    """Return the findings about a variation or the whole task, and the failed clauses of its certificate."""
+    """Return the lines about a variation or the complete task.
+
+    They list its findings, and the clauses of its certificate that failed.
+    """
     findings = one.audit.of(name)
     notes = certificate_notes(one.certified(name)) if name else ()
     if not findings and not notes:

@@ -1,8 +1,8 @@
-"""Evaluation of the release's relations in an initial scene.
+"""Evaluation of the relations of the BeTTER release in an initial scene.
 
-The release evaluates relations on axis-aligned boxes of its assets, whose sizes are not in the task files. Relations
-that depend on sizes are therefore estimated with the matched assets of our library, and are undecided without a matched
-asset.
+The release evaluates relations on the axis-aligned boxes of its assets, but the task files do not contain the sizes of
+these assets. Relations that depend on sizes are therefore estimated from the sizes of the library assets that represent
+the objects. They remain undecided if no asset represents an object.
 """
 
 from __future__ import annotations
@@ -27,11 +27,15 @@ Box = tuple[Vector, Vector]
 """Minimum and maximum corner of an axis-aligned box [m]."""
 
 SYNONYMS = {"left": "left_of", "right": "right_of", "front": "front_of", "back": "behind", "top": "on"}
-"""Aliases of relations in the release."""
+"""Aliases that the release allows for relations."""
 
 
 def box_of(pose: ReleasePose, size_m: Vector) -> Box:
-    """Return the box of an object at its position. Rotations are ignored, so both sides are set to the narrower one."""
+    """Return the axis-aligned box of an object at its position.
+
+    Since the rotation is ignored, the box is a lower estimate: both horizontal sides have the length of the shorter
+    side.
+    """
     side = min(size_m[:2])
     x, y, z = pose.position
     return (x - 0.5 * side, y - 0.5 * side, z), (x + 0.5 * side, y + 0.5 * side, z + size_m[2])
@@ -43,8 +47,8 @@ def holds_at_start(
     """Return whether a predicate holds in the initial scene, or None if this cannot be decided.
 
     Args:
-        predicate: A predicate of the release.
-        poses: Start poses by object.
+        predicate: Predicate of the release.
+        poses: Initial poses by object.
         sizes_m: Sizes of the matched assets by object [m].
     """
     subject, target = poses.get(predicate.subject_id), poses.get(predicate.target_id)

@@ -1,4 +1,4 @@
-"""Release variations with the values inherited from the base variation."""
+"""Variations of a BeTTER release task with the values that they inherit from the base variation."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Resolved:
     """A variation with its inherited values.
 
     Attributes:
-        name: Id ("TV-01").
-        training: Whether the registry lists it under ``train``.
-        enabled: Whether the release uses it.
-        groups: Members of the goal, fail and decor groups, sorted.
-        poses: Start pose of every object in the scene.
+        name: Id of the variation ("TV-01").
+        training: Whether the registry lists the variation under ``train``.
+        enabled: Whether the release uses the variation.
+        groups: Sorted members of the goal, fail and decor groups.
+        poses: Initial pose of every object in the scene.
         success: Predicates that must all hold at the end.
         fail: Predicates that must never hold.
     """
@@ -45,17 +45,17 @@ class Resolved:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Objects in the scene of the release, which are the container and all objects with a pose or in a group."""
+        """Objects in the scene of the release: the container, and all objects with a pose or in a group."""
         grouped = (name for members in self.groups.values() for name in members)
         return tuple(sorted({*self.poses, *grouped, self.container}))
 
     @property
     def goals(self) -> tuple[str, ...]:
-        """Objects that a success predicate requires to be moved, sorted."""
+        """Objects that the success predicates require to be moved, sorted."""
         return tuple(sorted({p.subject_id for p in self.success}))
 
     def xy(self, name: str) -> tuple[float, float] | None:
-        """Return the start position of an object on the table [m], or None if it has no pose."""
+        """Return the initial position of an object on the table [m], or None if the object has no pose."""
         pose = self.poses.get(name)
         return None if pose is None else pose.position[:2]
 
@@ -108,17 +108,17 @@ def _overridden(predicates: list[ReleasePredicate], change: ChannelChange) -> tu
 
 
 REPLACED_M = 0.06
-"""Largest distance between an object and its replacement [m], about the diameter of a fruit."""
+"""Maximum distance between an object and its replacement [m], about the diameter of a fruit."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeftBehind:
-    """Object that a variation replaces but does not remove.
+    """Object that a variation replaces by another object but does not remove.
 
     Attributes:
-        name: Replaced object, which is in no group any more.
+        name: Replaced object, which no longer belongs to a group.
         by: Replacement, which is not in the training variations.
-        distance_m: Distance of their start positions [m].
+        distance_m: Distance between the initial positions of the two objects [m].
     """
 
     name: str
@@ -127,7 +127,7 @@ class LeftBehind:
 
 
 def left_behind(variation: Resolved, training: Iterable[Resolved]) -> tuple[LeftBehind, ...]:
-    """Return the replaced objects that a variation leaves in the scene next to their replacements."""
+    """Return the objects that a variation replaces without removing them from the scene."""
     trained = {name for other in training for name in other.active}
     grouped = {name for members in variation.groups.values() for name in members} | {variation.container}
     found = []

@@ -17,7 +17,7 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood, word_
 from betterbench.sim.assets.catalogue.terms import terms
 
 Noun = tuple[str, ...]
-"""Noun as catalogue terms, in lower case and singular ("juice", "box")."""
+"""Noun as a tuple of catalogue terms, in lower case and singular ("juice", "box")."""
 
 _PREPOSITIONS = """
 in into inside on onto upon at to near beside behind under over with from of next
@@ -49,14 +49,14 @@ _CHANGES_MEANING = frozenset(_LIMITING.split())
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """Noun in an instruction.
+    """Noun in an instruction, with the objects to which it can refer.
 
     Attributes:
         text: The noun in the singular ("juice box", "fruit").
-        objects: Objects of the task to which the noun can refer, in the scene or not.
-        every: Whether it refers to all of them, as "the fruits", or to one or more.
-        is_class: Whether it is a class of objects ("fruit").
-        is_target: Whether it follows a preposition, as the container does.
+        objects: Objects of the task to which the noun can refer, whether or not they are in the scene.
+        every: Whether the noun refers to all of these objects, as in "the fruits"; otherwise to at least one.
+        is_class: Whether the noun is a class of objects ("fruit").
+        is_target: Whether the noun follows a preposition, as the container does.
     """
 
     text: str
@@ -68,7 +68,13 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Sentence:
-    """Parsed instruction: known nouns, and reasons why the instruction is undecided (empty if it is not)."""
+    """Parsed instruction, with its known nouns.
+
+    Attributes:
+        text: Text of the instruction.
+        nouns: Known nouns, in order.
+        undecided: Reasons why the instruction cannot be compared with the goals; empty if it can.
+    """
 
     text: str
     nouns: tuple[Named, ...]
@@ -76,7 +82,7 @@ class Sentence:
 
 
 class Lexicon:
-    """Nouns of the objects of a task.
+    """Nouns that can refer to the objects of a task.
 
     Args:
         task: Task. Objects that are not in the scene also have nouns, so that they can be recognized.
@@ -104,7 +110,7 @@ class Lexicon:
             yield from (other for other, _ in others)
 
     def parse(self, text: str) -> Sentence:
-        """Parse an instruction."""
+        """Find the known nouns of an instruction, and the words that make its meaning unclear."""
         raw = re.findall(r"[^\W_]+|[,.;]", text.lower())
         words = [(terms(word) or [word])[0] for word in raw]
         undecided = [f"the word {word!r} may change the meaning" for word in raw if word in _CHANGES_MEANING]
@@ -142,7 +148,7 @@ class Lexicon:
         return Sentence(text, tuple(nouns), tuple(dict.fromkeys(undecided)))
 
     def _longest(self, words: list[str], at: int) -> int:
-        """Return the number of words of the longest noun at a position, or 0."""
+        """Return the number of words in the longest known noun that begins at a position; 0 if no noun begins there."""
         for length in range(min(4, len(words) - at), 0, -1):
             phrase = tuple(words[at : at + length])
             if phrase not in self._phrases or set(phrase) <= _PLAIN_WORDS | _VERBS | _ADJECTIVES:
@@ -171,7 +177,7 @@ class Lexicon:
 
 @functools.cache
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
-    """Return the classes that contain a noun according to the word list ("fruit" for "banana"), sorted."""
+    """Return the classes to which a noun belongs according to the word list ("fruit" for "banana"), sorted."""
     return tuple(sorted(phrase for phrase, others in word_list().items() if noun in dict(others) and phrase != noun))
 
 
@@ -179,8 +185,8 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
     """Return the nouns of an object, the usual noun first: "juice box", "box".
 
     Args:
-        instance: Object, whose nouns are taken from its semantic name, or from its query and description.
-        name: Additional semantic name from the asset bindings.
+        instance: Object. The nouns are taken from its semantic name, or else from its query and description.
+        name: Additional semantic name of the object, from the asset bindings.
     """
     semantic = tuple(terms(instance.semantic_name or ""))
     described = tuple(filter(None, map(_head, (instance.retrieval_query, instance.description))))
@@ -194,7 +200,7 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
 
 
 def _head(text: str) -> Noun:
-    """Return the head noun of a description ("lunchbox" of "an open lunchbox"); empty if there is none."""
+    """Return the head noun of a description ("lunchbox" for "an open lunchbox"); empty if there is none."""
     concepts = understood(text).concepts if text.strip() else ()
     return next((c.alternatives[0][0] for c in concepts if c.weight >= 1.0), ())
 
@@ -204,6 +210,6 @@ def _words_about(instance: ReleaseInstance) -> list[str]:
 
 
 def color_of(instance: ReleaseInstance) -> str | None:
-    """Return the color in the description of an object, or None if it names no color or several."""
+    """Return the color in the description of an object, or None if the description names no color or several colors."""
     colors = {word for word in _words_about(instance) if word in COLORS} - {noun[0] for noun in nouns_of(instance)[:1]}
     return next(iter(colors)) if len(colors) == 1 else None

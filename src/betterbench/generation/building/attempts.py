@@ -1,7 +1,7 @@
-"""Attempts to build a certified task, each with the smallest change that may help.
+"""Attempts to build a certified task from a scenario.
 
-A task that fails its certificate is changed and examined again: first without the failing variations, then with more
-demonstrations, then with other slots, then with other assets.
+A task that fails its certificate is changed and examined again: first without the variations that failed, then with
+more demonstrations, then with other slots, and finally with other assets.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """Change of a task to try after a failure.
+    """Change to a task that is tried after an attempt has failed.
 
     Attributes:
         words: Description of the change.
-        slots: Seed of the slots.
-        assets: Number of the choice of assets.
-        demonstrations: Factor for the number of demonstrations.
+        slots: Seed from which the slots are drawn.
+        assets: Number of earlier choices of assets; each choice consists of other assets.
+        demonstrations: Factor by which the number of demonstrations is multiplied.
     """
 
     words: str
@@ -56,22 +56,22 @@ CHANGES = (
     _Change("other slots", slots=2),
     _Change("other assets for the same descriptions", assets=1),
 )
-"""Changes in the order of attempts. More demonstrations help only if a pose is outside the training distribution
-(clause b)."""
+"""Changes in the order in which they are tried. More demonstrations help only if a pose is outside the training
+distribution (clause b)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """Result of all attempts at a scenario.
+    """Result of all attempts to build a task from a scenario.
 
     Attributes:
-        scenario: The scenario.
+        scenario: Scenario from which the task was to be built.
         task_id: Identifier of the task.
         made: Task of the successful attempt; None if every attempt failed.
-        proof: Its demonstrations and certificates.
-        choices: Its assets.
-        attempts: All attempts; the last one succeeded if ``made`` is not None.
-        left_out: Variations that failed their certificate and were left out.
+        proof: Demonstrations and certificates of the task; None if every attempt failed.
+        choices: Assets chosen for the descriptions.
+        attempts: All attempts. The last one succeeded if ``made`` is not None.
+        left_out: Variations that were left out because they failed their certificate.
     """
 
     scenario: Scenario
@@ -90,10 +90,10 @@ def build_task(
     *,
     settings: Settings,
 ) -> Built:
-    """Build a certified task for a scenario, or return the reason why every attempt failed.
+    """Build a certified task from a scenario, or return the reason why every attempt failed.
 
-    A scenario whose groups differ from the template, or whose instruction states another goal, is rejected without an
-    attempt.
+    A scenario is rejected without an attempt if its groups differ from those of the template, or if its instruction
+    states a goal that the template does not have.
     """
     problem = _problem_of(scenario)
     if problem:
@@ -152,7 +152,7 @@ def build_task(
 
 
 def _problem_of(scenario: Scenario) -> str:
-    """Return the reason why no attempt can make a task from a scenario, or an empty string."""
+    """Return the reason why a scenario cannot become a task in any attempt; empty if an attempt is worthwhile."""
     try:
         require_groups(scenario)
     except BetterError as error:
@@ -162,7 +162,7 @@ def _problem_of(scenario: Scenario) -> str:
 
 
 def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure]) -> str:
-    """Return the reason why the training conditions of a task cannot be used, or an empty string."""
+    """Return the reason why the training conditions of a task are unusable; empty if they are usable."""
     training = {c.name for c in task.training}
     if any(f.condition in training for f in failures):
         return "a training condition is not certified"
@@ -170,7 +170,7 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return the reason why the remaining variations are too few, or an empty string."""
+    """Return a message if too few variations of a task are left; otherwise, return an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

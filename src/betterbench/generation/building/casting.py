@@ -1,4 +1,4 @@
-"""Casting: choice of assets for the descriptions of a scenario, and of look-alikes for its items.
+"""Casting: the choice of assets for the descriptions of a scenario, and of distractors that look like its items.
 
 Assets are found by searching the catalogue. An asset must meet the requirements of its group: a container needs the
 region for the template's relation, and an item needs a grasp that fits the gripper.
@@ -35,9 +35,9 @@ LEAST_SCORE = 0.2
 _SEARCHED = 40
 _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
-"""Minimum score of an asset that counts as almost as good, relative to the best suitable asset."""
+"""Minimum score of an asset, relative to the best suitable asset, at which the asset is considered almost as good."""
 _FIXED = ("on_ring", "in_hole", "closed")
-"""Relations whose target must not move, because objects are pushed into it."""
+"""Relations whose target is fixed to the table, because objects are pushed into it."""
 _ADJECTIVES = """
 big bright ceramic clean compact cylindrical dark deep empty flat folded fresh full glass glossy heavy juicy large
 leather light little long matte metal metallic modern narrow new old open ordinary paper plain plastic porcelain ripe
@@ -52,7 +52,7 @@ _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return the reason why an asset is not suitable for a group, or an empty string."""
+    """Return the reason why an asset is not suitable for an object group of a template; empty if it is suitable."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -80,9 +80,9 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     """Choose an asset for each description of a scenario, in the order of the template's groups.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario with the descriptions.
         catalogue: Catalogue of generators and imported assets.
-        attempt: Number of the attempt. Among assets that are almost equally good, each attempt uses another one.
+        attempt: Index of the attempt. Among assets that are almost equally good, each attempt uses another asset.
 
     Raises:
         InvalidInputError: If a description has no suitable asset; the message names the best search results.
@@ -112,7 +112,10 @@ def fitting(
     catalogue: Catalogue,
     taken: set[tuple[str, str]],
 ) -> tuple[list[Hit], list[str]]:
-    """Return the best suitable search results for a description, with the reasons for rejecting better ones."""
+    """Return the search results for a description that are suitable for its group, best first.
+
+    Also return the better results that were rejected, with the reasons.
+    """
     wanted = _colors_in(described)
     query = f"{described.asset_query} {' '.join(wanted)}".strip()
     found = catalogue.search(query, limit=_SEARCHED, filters=_BUILDABLE)
@@ -132,7 +135,10 @@ def fitting(
 
 
 def name_problem(query: str, entry: CatalogueEntry) -> str:
-    """Return a message if a noun of a query matches neither the names nor the text of an asset."""
+    """Return a message if a noun of a query matches neither the names nor the text of an asset.
+
+    Otherwise, return an empty text.
+    """
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
         return "it is one object, but the query asks for several"
@@ -151,7 +157,10 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
-    """Return the tags of the library that name a material, a place or a use ("glass" of a jar)."""
+    """Return the tags of library assets that name a material, a place or a use, such as "glass" for a jar.
+
+    Each tag is a tuple of normalized words.
+    """
     return frozenset(tuple(terms(tag)) for category in categories() for tag in build_unpainted(category).traits)
 
 
@@ -160,12 +169,18 @@ def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
 
 
 def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
-    """Return tags as terms, except those that only name a trait."""
+    """Return the tags of an asset that name the object itself, each as a tuple of normalized words.
+
+    Tags that only name a material, a place or a use are left out.
+    """
     return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - _traits())
 
 
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
-    """Return whether a word or a synonym of it is the last word of an asset's name, or one of its naming tags."""
+    """Return whether a word or one of its synonyms names an asset.
+
+    It must be the last word of the asset's name, or a tag that names the object and not its material, place or use.
+    """
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
         return word in names
@@ -174,13 +189,16 @@ def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
-    """Return the distinct color words of a description, those of the query first."""
+    """Return the distinct color words of a description. Colors in its search query come first."""
     said = [*terms(described.asset_query), *terms(described.description)]
     return tuple(dict.fromkeys(word for word in said if word in COLORS))
 
 
 def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
-    """Return a message if an asset is less than half or more than twice as large as estimated, otherwise ""."""
+    """Return a message if an asset is less than half or more than twice as large as the description estimates.
+
+    Otherwise, return an empty text.
+    """
     size, (low, high) = entry.largest_m, described.size_m
     if size is None or 0.5 * low <= size <= 2.0 * high:
         return ""
@@ -188,13 +206,13 @@ def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
 
 
 def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt: int = 0) -> tuple[Cast, list[Choice]]:
-    """Cast a scenario, and return the choice of each asset as well.
+    """Choose an asset for each description of a scenario. Return the scenario with its assets, and the list of choices.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario with the descriptions.
         catalogue: Catalogue of generators and imported assets.
-        seed: Seed of the pattern's choices.
-        attempt: Number of the attempt at choosing assets; see :func:`choices`.
+        seed: Seed of the choices that are made when a task is derived from the scenario.
+        attempt: Index of the attempt, as in :func:`choices`.
 
     Raises:
         InvalidInputError: If a description has no suitable asset.

@@ -1,4 +1,4 @@
-"""Choices of assets for descriptions."""
+"""Asset chosen for the description of an object."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Asset chosen for a description.
+    """Asset chosen for the description of an object in a scenario.
 
     Attributes:
-        group: Group of the description.
-        described: The description.
-        entry: Row of the catalogue.
-        score: Score of the search in (0, 1].
+        group: Object group to which the description belongs.
+        described: Description of the object.
+        entry: Row of the catalogue with the chosen asset.
+        score: Search score in (0, 1].
         passed_over: Better search results that are not suitable for the group, with the reason.
     """
 
@@ -29,5 +29,5 @@ class Choice:
 
 
 def asset_of(entry: CatalogueEntry) -> Asset:
-    """Return the asset of a catalogue row."""
+    """Build the asset that a catalogue row describes."""
     return build_unpainted(entry.category, color=entry.color or None)

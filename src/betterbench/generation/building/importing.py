@@ -1,4 +1,4 @@
-"""Import of objects that the library does not contain, from a user's catalogue of meshes."""
+"""Import of meshes from a user's catalogue, for objects that the library does not contain."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from betterbench.tasks.user_files import load_asset_folders
 IMPORTED = "imported"
 """Folder of imported assets in a build folder, which other subcommands load with --asset-dir."""
 MOST_MESHES = 3
-"""Maximum number of imported meshes per description. Successive attempts at a task use different meshes."""
+"""Maximum number of imported meshes per description. Successive attempts to build a task use different meshes."""
 _SEARCHED = 20
 
 
 @dataclass(frozen=True, slots=True)
 class ImportedMeshes:
-    """Outcome of an import for a build.
+    """Result of importing meshes for a build.
 
     Attributes:
         names: Categories of the imported assets.
-        refused: Matching rows of the catalogue that cannot be used, with the reason.
+        refused: Catalogue rows that match a description but cannot be used, each with the reason.
     """
 
     names: tuple[str, ...] = ()
@@ -41,17 +41,17 @@ class ImportedMeshes:
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
     """Import, certify and load meshes for descriptions that match no library object.
 
-    Meshes are found by the words of a description. They must have a free license, pass ``better assets check``, and
-    contain these words in their name. Repeated calls keep the imported assets.
+    Meshes are found by the words of a description. They must have these words in their name and a free license, and
+    pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
 
     Args:
         scenarios: Scenarios of the build.
         library: Catalogue of the registered assets.
-        user: Catalogue of ``better assets index``.
+        user: Catalogue written by ``better assets index``.
         out: Folder of the build.
 
     Raises:
-        RunConflictError: If another process writes into the folder of the assets.
+        RunConflictError: If another process is writing into the folder of the imported assets.
     """
     rows = {row.id: row for described in _missing(scenarios, library) for row in _found(described, user)}
     refused: list[tuple[str, str]] = []
@@ -74,7 +74,7 @@ def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Cata
 
 
 def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[DescribedObject]:
-    """Yield the distinct descriptions that no library object matches."""
+    """Yield the distinct descriptions for which the library has no suitable object."""
     asked: set[tuple[str, str]] = set()
     for scenario in scenarios:
         template = TEMPLATES[scenario.template]
@@ -87,14 +87,14 @@ def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[Desc
 
 
 def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
-    """Return the best rows of the user's catalogue for a description that have a mesh on this machine."""
+    """Return the rows of the user's catalogue that match a description best and whose mesh is on this machine."""
     hits = user.search(described.asset_query, limit=_SEARCHED, filters=Filters(license="free"))
     rows = [hit.entry for hit in hits if hit.score >= LEAST_SCORE and hit.entry.source != NAME and hit.entry.path]
     return [row for row in rows if not name_problem(described.asset_query, row)][:MOST_MESHES]
 
 
 def _problem_of(request: ImportRequest) -> str:
-    """Return the reason why a mesh fails its certificate, or an empty string."""
+    """Return the reason why a mesh fails its certificate; empty if it passes."""
     certificate = certify_target(Target(request.path.name, request.path, request.wishes, request.color))
     said = certificate.refused or "; ".join(f"{check.name}: {check.sentence}" for check in certificate.failed)
     return one_line(said, most=300)

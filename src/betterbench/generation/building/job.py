@@ -1,4 +1,4 @@
-"""Resumable job that builds scenarios and writes the certified tasks as a suite."""
+"""Resumable job that builds tasks from scenarios and writes the certified tasks as a suite."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ _RESULT = TypeAdapter(Result)
 
 @dataclass(frozen=True, slots=True)
 class BuildItem:
-    """Scenario to build, as JSON, and the identifier of its task."""
+    """Scenario to build, in its JSON form, with the identifier of the task that is built from it."""
 
     scenario: str
     task_id: str
 
     @classmethod
     def of(cls, scenario: Scenario, task_id: str) -> Self:
-        """Return the item of a scenario."""
+        """Return the item for a scenario."""
         return cls(json.dumps(asdict(scenario), sort_keys=True), task_id)
 
 
@@ -84,14 +84,14 @@ def build_suite(
         scenarios: Scenarios to build.
         out: Folder of the job.
         name: Name of the suite, without its digest.
-        settings: Seeds and demonstrations.
-        workers: Worker processes.
-        meshes: Catalogue of ``better assets index``, searched for objects that are missing in the library.
-        on_import: Called with the assets that were imported from this catalogue.
+        settings: Number of seeds to certify, and number of demonstrations.
+        workers: Number of worker processes.
+        meshes: Catalogue written by ``better assets index``, searched for objects that the library lacks.
+        on_import: Called with the assets that were imported from the catalogue ``meshes``.
         on_progress: Called at the start and after every scenario.
 
     Raises:
-        InvalidInputError: If there is no scenario, the name has other characters, or a stored result is damaged.
+        InvalidInputError: If there is no scenario, the name is not a valid suite name, or a stored result is damaged.
         WorkerError: If worker processes keep dying.
     """
     if not scenarios:
@@ -118,9 +118,10 @@ def build_items(
     on_stored: Callable[[Result], object] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> tuple[Result, ...]:
-    """Build and certify scenarios in a folder, and return their results in order. Stored results are reused.
+    """Build and certify tasks from scenarios in a folder, and return the results in the order of the scenarios.
 
-    ``on_stored`` is called for each stored result, ``on_progress`` at the start and after every new result.
+    Stored results are reused. ``on_stored`` is called for each stored result. ``on_progress`` is called at the start
+    and after every new result.
 
     Raises:
         InvalidInputError: If a stored result is damaged.
@@ -191,7 +192,10 @@ def _result(built: Built, key: str) -> Result:
 
 
 def write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
-    """Write the folder of a suite, with demonstrations and certificate of its tasks, and return its path."""
+    """Write a suite folder with the tasks, their demonstrations and their certificate, and return its path.
+
+    Return None if there are no results.
+    """
     if not results:
         return None
     full, files = suite_files(name, {r.task_id: r.task for r in results if r.task is not None})
@@ -213,7 +217,7 @@ def write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
 
 
 def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
-    """Return the stored result of a scenario with these settings and versions, or None.
+    """Return the stored result of a scenario, or None if there is none for the same settings and versions.
 
     Raises:
         InvalidInputError: If the file was changed after it was written.
@@ -239,7 +243,7 @@ def _key(item: BuildItem, settings: Settings) -> str:
 
 
 def new_task_id(name: str, taken: Counter[str]) -> str:
-    """Return and reserve a unique identifier for a scenario, made of the letters and digits of its name."""
+    """Return a unique task identifier for a scenario, made of the letters and digits of its name, and reserve it."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
     base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
     found, number = base, 1

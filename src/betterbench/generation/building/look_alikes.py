@@ -1,4 +1,7 @@
-"""Look-alikes of the items in a cast: objects of other categories with the same color or shape."""
+"""Look-alikes of the items in a cast (a scenario with chosen assets).
+
+A look-alike is an object of another category with the same color or shape.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,10 @@ _ALIKE_SIZE = 0.5
 def look_alikes_in(
     cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
 ) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
-    """Yield distractors of other kinds with the color or shape of each item, most similar first."""
+    """For each item, yield its name and a list of distractors that have its color or shape.
+
+    The distractors are of other kinds than the item, and the most similar one comes first.
+    """
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})
     called = {word for spec in present for word in names_of(spec.kind, rows.get(spec.name))}
@@ -50,7 +56,10 @@ def _distractor(entry: CatalogueEntry) -> ObjectSpec:
 
 
 def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
-    """Return the rows of the catalogue that the gripper can grasp, by category."""
+    """Return the catalogue rows whose assets fit into the gripper, by category.
+
+    Categories that are already present in the scenario are left out.
+    """
     found: dict[str, list[CatalogueEntry]] = {}
     for entry in catalogue.entries(NAME):
         if entry.category not in present:
@@ -61,9 +70,9 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the similarity of the most similar row, from 0 to 3, and the row.
+    """Return how similar an item and the most similar of some catalogue rows are (0 to 3), and this row.
 
-    The similarity is 0 if neither color nor shape is the same.
+    The similarity is 0 if neither the color nor the shape is the same.
     """
     own = build_unpainted(item.category, color=item.color)
     best = (0.0, entries[0])

@@ -1,4 +1,4 @@
-"""Names of objects in instructions: nouns, with colors where nouns are ambiguous."""
+"""Names of objects in instructions: nouns, preceded by a color if the noun alone is ambiguous."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SYNONYMS = 2
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return a noun phrase for each object, with colors where nouns do not distinguish objects."""
+    """Return a noun phrase for each object. It includes the color if the noun alone would be ambiguous."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):
@@ -41,8 +41,8 @@ def kinds_of(chosen: Sequence[Choice]) -> list[str]:
 def _nouns(chosen: Sequence[Choice]) -> list[str]:
     """Return the noun of each object.
 
-    A noun that names the asset precisely ("fries box") is replaced by the common noun ("fries"), unless the common noun
-    also fits another object.
+    If a noun names the asset precisely ("fries box"), it is replaced by the common noun ("fries"), unless the common
+    noun also fits another object.
     """
     nouns = []
     for i, choice in enumerate(chosen):
@@ -74,10 +74,10 @@ def _phrases_of(noun: str) -> tuple[tuple[frozenset[str], ...], ...]:
 
 
 def _noun(choice: Choice) -> str:
-    """Return the noun of an object, from the words of its query without colors, or else the asset's own noun.
+    """Return the noun of an object: the words of its query without colors.
 
-    If the instance name contains only some words of the query, these words are used: "pepper jar" of "pepper spice
-    jar".
+    If these words do not fit the asset, return the asset's own noun. If the instance name contains only some words of
+    the query, return these words: "pepper jar" for the query "pepper spice jar".
     """
     entry, described = choice.entry, choice.described
     asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
@@ -91,13 +91,19 @@ def _noun(choice: Choice) -> str:
 
 
 def noun_of(entry: CatalogueEntry) -> str:
-    """Return the noun of an asset in sentences: the tag with the words of its name ("bottom bun"), or its first tag."""
+    """Return the noun by which instructions refer to an asset.
+
+    This is the tag that consists of the same words as the name of the asset. If there is none, it is the first tag.
+    """
     named = set(terms(entry.name))
     return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return the kind of an object and its first tags as possible nouns, in the form of terms without colors."""
+    """Return possible nouns of an object: its kind and the first tags of its asset.
+
+    Each noun is a tuple of normalized words without colors.
+    """
     nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
     found = (tuple(terms(noun)) for noun in nouns)
     return {tuple(word for word in words if word not in COLORS) or words for words in found}

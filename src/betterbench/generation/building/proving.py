@@ -1,4 +1,4 @@
-"""Measurement of demonstrations, and certification, of a task that has not been written to a file yet."""
+"""Demonstrations and certificates of a task that has not been written to a file yet."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Proof:
     """Demonstrations and certificates of a task.
 
     Attributes:
-        demonstrated: Measurements of its demonstrations.
-        trials: Certificates of its trials, in the order of the conditions.
+        demonstrated: Measurements of the task's demonstrations.
+        trials: Certificates of the task's trials, in the order of the conditions.
     """
 
     demonstrated: Demonstrated
@@ -32,7 +32,7 @@ class Proof:
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Failed conditions, in order."""
+        """Conditions with a trial that failed its certificate, in order."""
         groups: dict[str, list[TrialCertificate]] = {}
         for trial in self.trials:
             if not trial.passed:
@@ -51,7 +51,7 @@ class Proof:
 
 @contextmanager
 def provisional(task: Task) -> Iterator[Task]:
-    """Register a task inside the context, so that conditions and trials can be looked up by name."""
+    """While the context is open, register a task, so that its conditions and trials can be looked up by name."""
     with registered_for_now(task) as known:
         resolve_condition.cache_clear()
         try:
@@ -64,10 +64,10 @@ def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
     """Run the demonstrations of a task and examine its trials.
 
     If a training condition fails, the variations are not examined, because the task cannot be used. Training conditions
-    without a solved demonstration are examined first, and if they fail, nothing else is examined.
+    without a solved demonstration are examined first. If they fail, nothing else is examined.
 
     Args:
-        task: The task, registered.
+        task: Registered task.
         seeds: Number of trials per variation, from seed 0. As in ``better eval --trials``, the training conditions
             together have as many trials as the variations.
         demonstrations: Number of demonstrations, at least one for each training condition.
@@ -94,5 +94,5 @@ def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
 
 
 def without(task: Task, names: Sequence[str]) -> Task:
-    """Return a task without some variations."""
+    """Return a copy of a task without the named variations."""
     return dataclasses.replace(task, variations=tuple(v for v in task.variations if v.name not in names))

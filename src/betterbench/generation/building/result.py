@@ -1,4 +1,4 @@
-"""Stored results of a build. They can be read without a simulator."""
+"""Stored results of a build, which can be read without a simulator."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from betterbench.tasks.demonstrated import Demonstrated
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of a build.
+    """Settings of a build that affect its results.
 
     Attributes:
         seeds: Number of certified trials per variation, from seed 0.
-        demonstrations: Number of measured demonstrations, at least one for each training condition.
+        demonstrations: Number of measured demonstrations per task. Each training condition has at least one.
     """
 
     seeds: int = 3
@@ -28,14 +28,14 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Condition that fails a clause of the certificate.
+    """Condition of a task that fails a clause of the certificate.
 
     Attributes:
         condition: Name of the condition.
-        seeds: Seeds that fail.
-        clause: Letter of the first failed clause.
-        meaning: Requirement of the clause.
-        text: Result of the clause for the first seed that fails.
+        seeds: Seeds of the failed trials.
+        clause: Letter of the first clause that failed.
+        meaning: Requirement of that clause.
+        text: Measured result of that clause for the first failed seed.
     """
 
     condition: str
@@ -47,11 +47,11 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Attempt at a task.
+    """Attempt to build a certified task from a scenario.
 
     Attributes:
-        change: Difference from the description ("other slots").
-        reason: Reason why the attempt failed; empty for a success.
+        change: Difference from the first attempt ("other slots").
+        reason: Reason why the attempt failed; empty if it succeeded.
         failures: Conditions that failed a clause of the certificate.
     """
 
@@ -63,7 +63,16 @@ class Attempt:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChosenAsset:
-    """Asset chosen for a description, with its search score and the better results that were rejected."""
+    """Asset chosen for the description of an object.
+
+    Attributes:
+        group: Object group of the description.
+        description: Description of the object.
+        query: Search query of the object.
+        asset: Identifier of the chosen catalogue row.
+        score: Search score of the asset.
+        passed_over: Better search results that were rejected, with the reason.
+    """
 
     group: str
     description: str
@@ -76,7 +85,7 @@ class ChosenAsset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class UnbuiltVariation:
-    """Variation that the pattern could not derive."""
+    """Variation of a template that could not be derived for a task, with the reason."""
 
     axis: str
     title: str
@@ -86,7 +95,7 @@ class UnbuiltVariation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Stored result of a scenario.
+    """Stored result of building one scenario.
 
     Attributes:
         key: Digest of the scenario, the settings and the versions.
@@ -94,13 +103,13 @@ class Result:
         template: Name of the template.
         title: Name of the scenario.
         attempts: All attempts, with the reasons of failures.
-        left_out: Variations that failed their certificate.
-        unbuilt: Variations that the pattern could not derive.
-        confounds: Regularities of the training conditions.
-        chosen: Assets, with their search scores.
-        task: Task as JSON; None if no attempt succeeded.
-        demonstrated: Measurements of its demonstrations.
-        trials: Certificates of its trials.
+        left_out: Variations that were left out because they failed their certificate.
+        unbuilt: Variations of the template that could not be derived for the task.
+        confounds: Regularities of the training conditions, stated in sentences.
+        chosen: Chosen assets, with their search scores.
+        task: Task in JSON form; None if no attempt succeeded.
+        demonstrated: Measurements of the task's demonstrations.
+        trials: Certificates of the task's trials.
     """
 
     schema_version: Annotated[int, NO_TRUTH, Field(ge=1, le=1)]
@@ -119,7 +128,7 @@ class Result:
 
     @property
     def certified(self) -> bool:
-        """Whether the task is part of the suite."""
+        """Whether an attempt succeeded, so that the task is part of the suite."""
         return self.task is not None
 
 

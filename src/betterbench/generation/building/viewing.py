@@ -1,4 +1,4 @@
-"""Check of a task's scenes for the framing limits of the suite."""
+"""Check that the front camera shows the objects of a task's scenes within the framing limits of the suite."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, Task
 
 CLAUSE = "view"
-"""Name of this requirement on pages, on which the clauses of the certificate have letters."""
+"""Name of this requirement on report pages, where it is listed next to the clauses of the certificate."""
 MEANING = "the front camera shows every object of the instruction"
 
 
 def badly_framed(task: Task, conditions: Sequence[Condition], *, seeds: int) -> tuple[Failure, ...]:
-    """Return the conditions whose initial image violates the framing limits.
+    """Return the conditions for which the front camera does not show every initial scene within the framing limits.
 
     Args:
-        task: The task, registered.
-        conditions: Its conditions.
+        task: Registered task.
+        conditions: Conditions of the task.
         seeds: Number of trials of each condition, with seeds from 0.
     """
     found = []

@@ -1,8 +1,10 @@
-"""Offline author of scenarios: contexts with plausible combinations of library objects.
+"""Grammar, from which scenarios are written without a language model.
+
+It consists of themes, which are contexts with library objects that plausibly occur together.
 
 - ``templates``: the themes of each template, one file each.
 - ``theme``: pools of objects, groups, themes, and the registry of grammars.
-- ``nouns``: noun phrases of the library's categories, with the sizes and masses of its assets.
+- ``nouns``: noun phrases of the library's categories, with the sizes and masses of their assets.
 - ``author``: seeded choice of different scenarios.
 """
 

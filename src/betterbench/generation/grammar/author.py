@@ -1,4 +1,4 @@
-"""Offline author: seeded scenarios from the themes of a template, without a language model."""
+"""Author that needs no language model. It draws scenarios from the themes of a template, depending on a seed."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.sim.assets.catalogue.terms import terms
 
 MOST_SCENARIOS = 10_000
-"""Maximum number of scenarios per call."""
+"""Maximum number of scenarios that one call may request."""
 _COMPARED = 400
-"""Number of candidates drawn from a theme, of which the one least similar to earlier scenarios is used."""
+"""Number of candidates drawn from a theme. The candidate least similar to earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Unordered objects by group, equal for near-duplicates."""
+"""Objects by group, ignoring their order. Near-duplicates have equal keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Object named by the user.
+    """Object that the user names in a sentence.
 
     Attributes:
-        group_id: Its group.
-        kinds: Library kinds to which the noun may refer.
+        group_id: Object group of the template to which it belongs.
+        kinds: Kinds (category and color) of library objects to which the noun may refer.
         noun: Noun used by the user, with its color.
     """
 
@@ -41,20 +41,24 @@ class Wanted:
 
 
 def grammar_of(template: str) -> Grammar:
-    """Return the grammar of a template. Raises UnknownNameError if there is none."""
+    """Return the grammar of a template.
+
+    Raises:
+        UnknownNameError: If the template has no grammar.
+    """
     if template not in GRAMMARS:
         raise UnknownNameError("template", template, GRAMMARS)
     return GRAMMARS[template]
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return the key shared by near-duplicates, which have the same categories and colors in each group."""
+    """Return the key that two choices of objects share if they have the same categories and colors in each group."""
     return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
 
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return the number of scenarios in a template's grammar, not counting near-duplicates."""
+    """Return how many scenarios the grammar of a template can give, where near-duplicates count only once."""
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -71,11 +75,11 @@ def write_scenarios(
         count: Number of scenarios.
         seed: Seed of all choices.
         wanted: Objects that each scenario must contain.
-        about: Words of the user. If themes contain some of them, only the themes with the most of them are used.
+        about: Words of the user. Only the themes that share the most words with this text are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
-        InvalidInputError: If the grammar has fewer scenarios, or none with the wanted objects.
+        InvalidInputError: If the grammar has fewer scenarios than requested, or none with the wanted objects.
     """
     require_between("--num", count, 1, MOST_SCENARIOS)
     grammar = grammar_of(template)
@@ -90,14 +94,19 @@ def write_scenarios(
     if len(drawn) < count:
         which = " with these objects" if wanted else ""
         problem = f"the grammar has {len(drawn)} different scenarios of {template}{which}, not {count}"
-        raise InvalidInputError("--num", problem, f"Give --num {max(1, len(drawn))} or less, or a model with --model")
+        raise InvalidInputError(
+            "--num", problem, f"Use --num {max(1, len(drawn))} or less, or choose a model with --model"
+        )
     return tuple(scenario_of(template, theme, choice, rng) for theme, choice in drawn)
 
 
 def _drawn(
     themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
 ) -> Iterator[tuple[Theme, Choice]]:
-    """Yield different choices, one theme after the other, until no choice is left."""
+    """Yield different choices of objects until none is left.
+
+    The themes take turns, each contributing one choice at a time.
+    """
     left = [_shuffled(list(_choices_with(theme, wanted)), rng) for theme in themes]
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
@@ -123,7 +132,10 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield the features of a choice with their costs of repetition, highest for categories, lowest for colors."""
+    """Yield the features of a choice of objects, each with a weight that penalizes repeating it.
+
+    The weight is high for categories and low for colors.
+    """
     for group, kinds in choice.items():
         yield (group, tuple(sorted(category for category, _ in kinds))), 100
         yield (group, tuple(sorted(kinds))), 20
@@ -135,7 +147,7 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 
 
 def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
-    """Yield the choices that contain a different object for each wanted object."""
+    """Yield the choices that contain all wanted objects, with an object of its own for each wanted object."""
     of_group: dict[str, list[Wanted]] = {}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
         of_group.setdefault(want.group_id, []).append(want)
@@ -156,7 +168,7 @@ def _has(kinds: tuple[Kind, ...], wanted: Iterable[Wanted]) -> bool:
 
 
 def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...]:
-    """Return the themes that contain the wanted objects, or a new theme for them."""
+    """Return the themes that contain all wanted objects. If there are none, return a new theme with these objects."""
     if not wanted:
         return grammar.themes
     fitting = tuple(
@@ -168,7 +180,7 @@ def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...
 
 
 def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
-    """Return a new theme with the wanted objects, and other objects where the template needs more.
+    """Return a new theme with the wanted objects. If a group needs more objects, other objects are added.
 
     Raises:
         InvalidInputError: If a group has too many wanted objects.
@@ -183,7 +195,9 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
         if len(mine) > most:
             nouns = ", ".join(want.noun for want in mine)
             raise InvalidInputError(
-                "sentence", f"has {len(mine)} objects for the group {group_id!r} ({nouns})", f"Use at most {most}"
+                "sentence",
+                f"has {len(mine)} objects for the group {group_id!r} ({nouns})",
+                f"Use at most {most} objects",
             )
         if not mine:
             groups[group_id] = usual
@@ -199,13 +213,16 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
 
 
 def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
-    """Return the themes that contain the wanted container, fixture, base or anchor."""
+    """Return the themes that contain the container, fixture, base or anchor that the user named."""
     receivers = [want for want in wanted if want.group_id not in ("items", "layers")]
     return [theme for theme in grammar.themes if all(_may_have(theme, want) for want in receivers)]
 
 
 def _may_have(theme: Theme, want: Wanted) -> bool:
-    """Return whether a pool of a theme contains a wanted object, without enumerating thousands of choices."""
+    """Return whether a theme may contain a wanted object, judged from its pools.
+
+    Enumerating the thousands of choices would take too long.
+    """
     group = theme.groups.get(want.group_id)
     return group is not None and any(
         kind in want.kinds for pool in group.pools for category in pool.categories for kind in pool.kinds(category)
@@ -215,7 +232,10 @@ def _may_have(theme: Theme, want: Wanted) -> bool:
 def _others(
     themes: Sequence[Theme], every: Sequence[str], group_id: str, named: set[str], least: int
 ) -> tuple[str, ...]:
-    """Return the categories that occur together with the named ones in a theme, or all if these are too few."""
+    """Return the categories that share a theme with at least one of the named categories.
+
+    If there are too few of them, return all categories except the named ones.
+    """
     found: dict[str, None] = {}
     for theme in themes:
         there = [category for pool in theme.groups[group_id].pools for category in pool.categories]
@@ -225,14 +245,14 @@ def _others(
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
-    """Return the themes with the most words in common with a text, or all themes if there are none."""
+    """Return the themes that share the most words with a text, or all themes if none shares a word."""
     words = set(terms(about))
     shared = [len(words & theme_words(theme)) for theme in themes]
     return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))
 
 
 def theme_words(theme: Theme) -> frozenset[str]:
-    """Return the words that distinguish a theme, which are the content words of its name, context and instructions."""
+    """Return the words that characterize a theme: the content words of its name, its context and its instructions."""
     return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
 
 
@@ -246,7 +266,7 @@ _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
-    """Return a scenario of a theme, with the chosen objects and one of the theme's instructions."""
+    """Return a scenario with the chosen objects and one of the theme's instructions, drawn at random."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -258,7 +278,7 @@ def _named(kinds: tuple[Kind, ...]) -> str:
 
 
 def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
-    """Return objects with unique instance names; repeated names get a number."""
+    """Give objects unique instance names, by adding a number to repeated names."""
     seen: Counter[str] = Counter()
     found = []
     for described_object in objects:
@@ -271,7 +291,10 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
 
 
 def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
-    """Return the nouns of the objects in a template's grammar, by group, for a closed vocabulary."""
+    """Return the nouns of the objects in a template's grammar, by group.
+
+    A model with a closed vocabulary may use only these nouns.
+    """
     grammar = grammar_of(template)
     found: dict[str, tuple[str, ...]] = {}
     for group_id in grammar.themes[0].groups:
@@ -287,7 +310,7 @@ def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
 
 
 def shown_colors(template: str) -> dict[str, dict[str, tuple[str, ...]]]:
-    """Return the colors of each category in a template's grammar, by group."""
+    """Return the colors of each category in a template's grammar, by group and category."""
     grammar = grammar_of(template)
     return {
         group_id: {

@@ -1,4 +1,4 @@
-"""Noun phrases for the categories of the library, and descriptions with sizes and masses of their assets."""
+"""Noun phrases for the categories of the library, and descriptions that include the size and mass of an object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Phrase:
     """Words for the objects of a category.
 
     Attributes:
-        short: Noun in an instruction, without a color ("mug").
+        short: Noun for use in an instruction, without a color ("mug").
         long: Description without an article; ``{color}`` stands for the color ("{color} coffee mug").
         query: Search query for the catalogue.
     """
@@ -88,13 +88,13 @@ PHRASES: dict[str, Phrase] = {
     "upper_drawer": Phrase("upper drawer", "upper drawer of the {color} cabinet", "{color} upper drawer"),
     "waste_bin": Phrase("waste bin", "open {color} waste bin", "{color} waste bin"),
 }
-"""Phrases by category."""
+"""Noun phrases by category."""
 
 _SPICES = {"white": "salt", "black": "pepper", "red": "paprika"}
 
 
 def phrase_of(category: str, color: str) -> Phrase:
-    """Return the phrase for a category. The color of a spice jar is that of its spice.
+    """Return the phrase for a category. For a spice jar, the color determines the spice.
 
     Raises:
         UnknownNameError: If the grammar has no phrase for the category.
@@ -108,7 +108,10 @@ def phrase_of(category: str, color: str) -> Phrase:
 
 
 def short_name(category: str, color: str, *, colored: bool = True) -> str:
-    """Return the noun of an object in an instruction, with its color if the category has several ("blue lunchbox")."""
+    """Return the noun by which instructions refer to an object ("blue lunchbox").
+
+    The noun includes the color if the category has several colors.
+    """
     phrase = phrase_of(category, color)
     return f"{color} {phrase.short}" if colored and phrase.shows_color and len(colors(category)) > 1 else phrase.short
 
@@ -116,7 +119,7 @@ def short_name(category: str, color: str, *, colored: bool = True) -> str:
 def described(category: str, color: str) -> DescribedObject:
     """Return the description of an object, with the ranges of mass and size of its category.
 
-    Its tags are the category and the color.
+    The tags of the description are the category and the color.
     """
     phrase = phrase_of(category, color)
     mass_kg, size_m = measured(category)
@@ -128,24 +131,28 @@ def described(category: str, color: str) -> DescribedObject:
 
 
 def capitalized(text: str) -> str:
-    """Return a text with its first letter as a capital."""
+    """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
 def measured(category: str) -> Measures:
-    """Return the ranges of mass and size of a category from ``measures.json``, or measure a user's category."""
+    """Return the ranges of mass and size of a category.
+
+    They are read from ``measures.json``. A category that a user has added is not in this file, so it is measured.
+    """
     return _stored().get(category) or measure(category)
 
 
 Measures = tuple[tuple[float, float], tuple[float, float]]
-"""Range of the mass [kg], and range of the largest dimension [m]."""
+"""Range of the mass [kg], and range of the largest dimension [m], of all variants of a category."""
 
 
 @functools.cache
 def measure(category: str) -> Measures:
-    """Measure the ranges of mass and largest dimension over all looks of a category, rounded outward to 1 g and 1 mm.
+    """Measure the ranges of mass and of the largest dimension over all variants (looks) of a category.
 
-    Measuring all categories takes a minute, so ``tools/grammar_measures.py`` stores the ranges.
+    The ranges are rounded outward to 1 g and 1 mm. Measuring all categories takes a minute, so
+    ``tools/grammar_measures.py`` stores the ranges.
     """
     assets = [build_unpainted(category, look=look) for look in looks(category)]
     return _range([a.mass_kg for a in assets]), _range([max(a.size_m) for a in assets])

@@ -1,4 +1,4 @@
-"""Themes of a template: contexts with suitable objects."""
+"""Themes of a template: contexts, each with objects that fit it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Pool of objects for a scenario.
+    """Set of library objects, some of which are drawn for a scenario.
 
     Attributes:
-        categories: Categories of the library.
+        categories: Asset categories of the library.
         count: Number of objects drawn for a scenario.
-        colors: Allowed colors; all colors of the category if empty.
-        by_color: Whether objects differ in color and may have the same category. Otherwise, they differ in category.
-        only: Allowed kinds; all if empty.
+        colors: Allowed colors. If it is empty, all colors of the category are allowed.
+        by_color: Whether the drawn objects differ in color and may have the same category. Otherwise, they differ in
+            category.
+        only: Allowed kinds (category and color). If it is empty, all kinds are allowed.
     """
 
     categories: tuple[str, ...]
@@ -35,12 +36,12 @@ class Pool:
     only: tuple[Kind, ...] = ()
 
     def kinds(self, category: str) -> list[Kind]:
-        """Return the kinds of a category."""
+        """Return the allowed kinds (category and color) of a category."""
         every = ((category, color) for color in colors(category) if not self.colors or color in self.colors)
         return [kind for kind in every if not self.only or kind in self.only]
 
     def choices(self) -> Iterator[tuple[Kind, ...]]:
-        """Yield all choices of objects, ignoring order."""
+        """Yield all choices of objects from the pool, ignoring their order."""
         if self.by_color:
             every = [kind for category in self.categories for kind in self.kinds(category)]
             chosen = itertools.combinations(every, self.count)
@@ -53,12 +54,13 @@ class Pool:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Objects of a group of the template.
+    """Objects that a theme provides for an object group of the template.
 
     Attributes:
-        pools: Pools that contribute the objects.
-        colors_differ: Whether all objects must have different colors. Otherwise, they must only not be identical.
-        follows: Group whose color the objects share, such as the cabinet for its drawers.
+        pools: Pools from which the objects are drawn.
+        colors_differ: Whether all objects must have different colors. Otherwise, it is enough that no two are
+            identical.
+        follows: Group whose color the objects must have. Drawers, for example, have the color of the cabinet.
     """
 
     pools: tuple[Pool, ...]
@@ -66,11 +68,11 @@ class Group:
     follows: str = ""
 
     def color_after(self, before: Choice) -> str:
-        """Return the color that the objects must share, or an empty text."""
+        """Return the color that all objects of the group must have, or an empty string if any color is allowed."""
         return before[self.follows][0][1] if self.follows else ""
 
     def choices(self, before: Choice) -> Iterator[tuple[Kind, ...]]:
-        """Yield all choices, given those of the previous groups."""
+        """Yield all choices of objects for the group, given the objects chosen for the previous groups."""
         color = self.color_after(before)
         for parts in itertools.product(*(pool.choices() for pool in self.pools)):
             kinds = tuple(itertools.chain.from_iterable(parts))
@@ -82,10 +84,10 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Theme: a context of a template.
+    """A context of a template with objects that fit it.
 
     Attributes:
-        name: Name of its scenarios ("Packing a picnic").
+        name: Name of the scenarios with this theme ("Packing a picnic").
         context: Place or situation ("park").
         instructions: Wordings of the instruction; ``{container}`` stands for the first object of that group.
         groups: Objects by ``group_id``, in the order of the template.
@@ -97,7 +99,7 @@ class Theme:
     groups: Mapping[str, Group]
 
     def choices(self, fits: Callable[[str, tuple[Kind, ...]], bool] = lambda _group, _kinds: True) -> Iterator[Choice]:
-        """Yield all choices of objects that fit in each group."""
+        """Yield the choices of objects for all groups of the theme in which every group fits."""
         known: dict[tuple[str, str], list[tuple[Kind, ...]]] = {}  # the choices of a group depend on a color alone
 
         def of_group(name: str, before: Choice) -> list[tuple[Kind, ...]]:
@@ -118,12 +120,14 @@ class Theme:
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """Themes of a template.
+    """Themes of a template, from which the offline author writes scenarios.
 
     Attributes:
-        requested: Name for scenarios whose user-named objects fit no theme.
-        general: Instruction for such scenarios.
-        most_items: Maximum number of items supported by the template's pattern.
+        template: Template that the scenarios fill.
+        themes: Themes of the template.
+        requested: Name of scenarios with objects that the user named but that no theme contains.
+        general: Instruction of these scenarios.
+        most_items: Maximum number of items that the pattern of the template supports.
     """
 
     template: Template
@@ -133,26 +137,26 @@ class Grammar:
     most_items: int = 4
 
     def categories(self, group_id: str) -> tuple[str, ...]:
-        """Return the categories that a group may have, in the order of the themes."""
+        """Return the categories that a group may contain, in the order of the themes."""
         pools = (pool for theme in self.themes for pool in theme.groups[group_id].pools)
         return tuple(dict.fromkeys(category for pool in pools for category in pool.categories))
 
 
 GRAMMARS: dict[str, Grammar] = {}
-"""Grammars by the name of their template."""
+"""Grammar of each template, by the name of the template."""
 
 
 def register(grammar: Grammar) -> Grammar:
-    """Register the grammar of a template."""
+    """Register the grammar of a template, and return it."""
     GRAMMARS[grammar.template.name] = grammar
     return grammar
 
 
 def one(*categories: str, colors: Iterable[str] = ()) -> Group:
-    """Return a group of one object."""
+    """Return a group with one object of the given categories."""
     return Group((Pool(categories, colors=tuple(colors)),))
 
 
 def several(count: int, *categories: str) -> Group:
-    """Return a group of objects of different categories."""
+    """Return a group with some objects, each of a different category."""
     return Group((Pool(categories, count),))

@@ -1,8 +1,8 @@
-"""Growth of a suite to a number of certified tasks under quotas.
+"""Growth of a suite under quotas, until it has a requested number of certified tasks.
 
-- ``quotas``: shares of templates, axes, contexts and difficulties, and their contradictions.
-- ``likeness``: keys of near-duplicates; ``difficulty``: levels of certified tasks.
-- ``sources``: authors of the next scenario, offline or a language model.
+- ``quotas``: minimum and maximum amounts of templates, axes, contexts and difficulties; detection of contradictions.
+- ``likeness``: keys that near-duplicate tasks share. ``difficulty``: levels of difficulty of certified tasks.
+- ``sources``: authors that propose the next scenario: the grammar or a language model.
 - ``steering``: choice of the next template and context, and acceptance of certified tasks.
-- ``proposals``: journal of the proposed scenarios; ``job``: the resumable job; ``result``: its outcome.
+- ``proposals``: journal of the proposed scenarios. ``job``: the resumable job. ``result``: its outcome.
 """

@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
-Scenarios are drawn in rounds. Each draw depends on the seed, the accepted tasks of earlier rounds and the earlier draws
-of its round. It does not depend on workers or timing, and is stored before it is built. The same command therefore
-resumes after an interruption, and produces the same files.
+Scenarios are drawn in rounds. Each draw depends on the seed, the tasks accepted in earlier rounds, and the earlier
+draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built. The
+same command therefore resumes after an interruption, and produces the same files.
 """
 
 from __future__ import annotations
@@ -43,29 +43,29 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat
 
 ROUND = 32
-"""Number of scenarios per round, after which results are taken into account. It is independent of the number of
-workers, so the suite is too.
+"""Number of scenarios per round. Results are taken into account after each round. Since the number does not depend on
+the number of workers, the resulting suite does not either.
 """
 ATTEMPTS_PER_TASK = 3
 """Default maximum number of built scenarios per requested task."""
 GROWTH_NAME = "growth.json"
-"""Name of the file with the outcome."""
+"""Name of the file with the outcome of the growth."""
 MOST_TASKS = 10_000
-"""Maximum number of tasks of a suite."""
+"""Maximum number of tasks that may be requested for a suite."""
 
 
 @dataclass(frozen=True, slots=True)
 class GrowSettings:
-    """Settings of a growing suite.
+    """Settings for growing a suite.
 
     Attributes:
-        until: Number of certified tasks.
-        author: Template, model, seed and vocabulary. An empty target means all templates.
-        build: Seeds and demonstrations.
-        quotas: Quotas.
+        until: Number of certified tasks at which the growth stops.
+        author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
+        build: Number of seeds to certify, and number of demonstrations.
+        quotas: Minimum and maximum amounts that the suite must have.
         distinct: Minimum difference between two tasks that are not near-duplicates.
         unlike: Suites whose near-duplicates are left out: "better60", or folders.
-        max_attempts: Maximum number of built scenarios; None for three per task.
+        max_attempts: Maximum number of scenarios that are built. If it is None, three are built per requested task.
         name: Name of the suite, without its digest.
     """
 
@@ -80,16 +80,19 @@ class GrowSettings:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Templates of the scenarios."""
+        """Names of the templates from which scenarios are drawn."""
         return (self.author.target,) if self.author.target else tuple(TEMPLATES)
 
     @property
     def attempts(self) -> int:
-        """Maximum number of built scenarios."""
+        """Maximum number of scenarios that are built."""
         return ATTEMPTS_PER_TASK * self.until if self.max_attempts is None else self.max_attempts
 
     def to_json(self) -> dict[str, object]:
-        """Return the settings that determine the draws, except those that a later command may increase."""
+        """Return the settings that determine which scenarios are drawn.
+
+        Settings that a later command may increase, such as the number of tasks, are not included.
+        """
         author = self.author
         form: dict[str, object] = {
             "schema_version": 1,
@@ -108,13 +111,13 @@ class GrowSettings:
 
 @dataclass(frozen=True, slots=True)
 class GrowProgress:
-    """Progress of a growing suite.
+    """Progress of growing a suite.
 
     Attributes:
         accepted: Number of certified tasks, including those of the current round.
         refused: Number of scenarios that could not be certified.
         left_out: Number of proposed scenarios that were not built.
-        last: Last result; None while scenarios are drawn.
+        last: Result of the last scenario that was built; None while scenarios are drawn.
         proposed: Number of the last proposal.
     """
 
@@ -130,12 +133,12 @@ OnGrow = Callable[[GrowProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class PreparedGrowth:
-    """Settings of a growing suite, after validation.
+    """Settings for growing a suite that have been checked.
 
     Attributes:
-        settings: The settings.
-        known: Names of tasks in other suites, by key.
-        offline: The grammar as an author; None if a model is used.
+        settings: Settings that were checked.
+        known: Names of the tasks in other suites, by the key that near-duplicates of the task share.
+        offline: Author that uses the grammar; None if a model is used.
     """
 
     settings: GrowSettings
@@ -148,7 +151,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
     Raises:
         InvalidInputError: If a number is out of range, the quotas contradict each other, or the grammar has too few
-            goals for them.
+            goals for the quotas.
         UnknownNameError: If a template, a context or a suite does not exist.
     """
     author = settings.author
@@ -157,7 +160,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
     if author.target and author.sentence:
         cure = "Give a template, or leave it out for all templates"
         raise InvalidInputError(
-            "better generate", "a sentence describes a single scenario, but --until needs many", cure
+            "better generate", "a sentence describes a single scenario, but --until needs many scenarios", cure
         )
     if author.num is not None:
         raise InvalidInputError("--num", "cannot be combined with --until", "Leave out --num")
@@ -173,16 +176,16 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Supply of a model, assumed to be unlimited."""
+    """Supply of scenarios by a model, which is assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates
 
     def contexts(self) -> None:
-        """Return None, for any context."""
+        """Return None, because a model may write any context."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> None:
-        """Return None, because the number is not known."""
+        """Return None, because the number of goals is not known."""
 
 
 def grow_suite(
@@ -198,17 +201,17 @@ def grow_suite(
     """Fill a suite with certified tasks. The same call resumes and produces the same files.
 
     Args:
-        prepared: Checked settings; each call needs its own.
+        prepared: Checked settings. They cannot be reused for another call.
         out: Folder of the job, open for writing (:class:`~betterbench.jobs.outputs.OutputFolder`).
-        workers: Worker processes.
-        chat: Model to ask instead of the address in the settings.
+        workers: Number of worker processes.
+        chat: Model to ask instead of the model in the settings.
         overwrite: Whether a folder with other settings may be used.
         on_progress: Called after every proposal and every result.
-        on_round: Called after every round with the outcome so far, without a suite.
+        on_round: Called after every round with the outcome so far, which does not contain a suite yet.
 
     Raises:
-        InvalidInputError: If the replay has no exchange, or a stored result is damaged.
-        ModelError: If the model cannot be reached; everything so far is kept.
+        InvalidInputError: If the file to replay contains no exchange, or a stored result is damaged.
+        ModelError: If the model cannot be reached. All earlier results are kept.
         RecordError: If the journal of proposals was changed.
         RunConflictError: If the folder contains a suite with other settings.
         WorkerError: If worker processes keep dying.
@@ -241,7 +244,7 @@ def grow_suite(
 
 
 class _Growing:
-    """State of the job, with its proposals and results in order."""
+    """State of the job: the proposals, the certified tasks and the rejected scenarios so far, in order."""
 
     def __init__(
         self,
@@ -265,7 +268,7 @@ class _Growing:
         self._finished: list[Result] = []
 
     def run(self, on_round: Callable[[Growth], None] | None) -> Stop:
-        """Draw and build scenarios in rounds, until the requested number is reached or no scenario is left."""
+        """Draw and build scenarios in rounds until the growth stops, and return the reason why it stopped."""
         while self._steering.left > 0:
             attempts_left = self._settings.attempts - len(self.tasks) - len(self.refused)
             size = min(ROUND, self._steering.left, attempts_left)
@@ -290,7 +293,10 @@ class _Growing:
         return "reached"
 
     def _drawn(self, size: int) -> list[Proposal]:
-        """Return the scenarios of the next round, which are stored ones, or new ones if none are stored."""
+        """Return the scenarios of the next round.
+
+        Stored proposals are used first; after that, new ones are requested.
+        """
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1
         while self._waiting and self._waiting[0].round == self._round and len(drawn) < size:
@@ -355,7 +361,7 @@ class _Growing:
         self._on_progress(GrowProgress(accepted, refused, left_out, last, len(self._proposals)))
 
     def outcome(self, stop: Stop, suite: Path | None) -> Growth:
-        """Return the outcome so far."""
+        """Return the outcome of the growth so far."""
         source = self._source
         goals, near, known = None, sum(p.outcome == "near_duplicate" for p in self._proposals), 0
         if isinstance(source, OfflineSource):

@@ -1,4 +1,4 @@
-"""Journal of the scenarios proposed for a growing suite."""
+"""Journal of the scenarios that were proposed for a growing suite."""
 
 from __future__ import annotations
 
@@ -16,29 +16,32 @@ from betterbench.jobs.line_journal import LINK, LineJournal, link_after, linked_
 from betterbench.json_form import NO_TRUTH, read_form, strict_form
 
 FILE_NAME = "proposals.jsonl"
-"""Name of the file in the folder of a growing suite."""
+"""Name of the journal of proposals in the folder of a growing suite."""
 _CURE = "Restore the file from a copy, or choose another folder"
 
 Outcome = Literal["drawn", "near_duplicate", "refused"]
-"""Outcome of a proposal: drawn (to be built), same goal as an earlier task, or implausible."""
+"""Outcome of a proposal.
+
+drawn: the scenario is built. near_duplicate: it has the same goal as an earlier task. refused: it is not plausible.
+"""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Proposed scenario.
+    """Scenario proposed for a growing suite, with the decision whether to build it.
 
     Attributes:
-        number: Number of the proposal, from 1.
-        round: Number of its round, from 1.
+        number: Number of the proposal, counted from 1.
+        round: Number of the round in which the scenario was proposed, counted from 1.
         template: Requested template.
-        context: Requested context; empty for any.
-        outcome: Outcome of the proposal.
-        key: Key that near-duplicates share; empty if it is unknown.
-        task_id: Identifier of the task, if the proposal is built.
-        scenario: Scenario in its stored form; None if the answer had none.
-        problem: Reason why it is not built: the earlier task with the same goal, or the first problem in the last
-            answer.
+        context: Requested context; empty if any context was allowed.
+        outcome: Whether the scenario is built, or the kind of reason why it is not.
+        key: Key that near-duplicates of the scenario share; empty if it is unknown.
+        task_id: Identifier of the task if the scenario is built.
+        scenario: Scenario in its stored form; None if the author wrote none.
+        problem: Reason why the scenario is not built: the earlier task with the same goal, or the first problem in the
+            model's last answer.
     """
 
     number: Annotated[int, NO_TRUTH, Field(ge=1)]
@@ -53,14 +56,14 @@ class Proposal:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether the proposal is built."""
+        """Whether the proposed scenario is built."""
         return self.outcome == "drawn"
 
     def read(self) -> Scenario:
         """Return the proposed scenario.
 
         Raises:
-            InvalidInputError: If there is none.
+            InvalidInputError: If the proposal contains no scenario.
         """
         return scenario_from_json(self.scenario or {}, where=f"proposal {self.number}")
 
@@ -69,7 +72,7 @@ _PROPOSAL = TypeAdapter(Proposal)
 
 
 class ProposalFile(LineJournal):
-    """File to which proposals are appended. Each is synced to disk before the next one.
+    """File to which proposals are appended. Each proposal is synced to disk before the next one is made.
 
     Raises:
         RecordError: If a line was changed.

@@ -1,4 +1,4 @@
-"""Quotas of a growing suite: minimum and maximum shares of templates, axes, contexts and difficulties."""
+"""Quotas of a growing suite: minimum and maximum amounts of templates, axes, contexts and difficulties."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 
 Kind = Literal["template", "axis", "context", "difficulty"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Properties that can have quotas. Axes are counted in variations, all others in tasks."""
+"""Properties that can have quotas. A quota of an axis counts variations, all other quotas count tasks."""
 
 AXIS_NAMES: Mapping[str, Axis] = {
     "spatial": Axis.SPATIAL_LAYOUT_SHIFT,
@@ -28,7 +28,7 @@ AXIS_NAMES: Mapping[str, Axis] = {
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
     "temporal": Axis.TEMPORAL_EXTRAPOLATION,
 }
-"""Names of the axes in quotas; the complete names are allowed too."""
+"""Short names of the axes in quotas. The complete names are allowed too."""
 
 _AMOUNT_PATTERN = r"^\d{1,6}(\.\d+)?%?(-\d{1,6}(\.\d+)?%?)?$"
 _AMOUNT = re.compile(r"(\d{1,6}(?:\.\d+)?)(%?)(?:-(\d{1,6}(?:\.\d+)?)(%?))?")
@@ -37,14 +37,14 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """Minimum and maximum amount of a value of a property.
+    """Minimum and maximum amount of a value in a suite, such as at least 20 % of the tasks for one template.
 
     Attributes:
-        kind: Property.
-        value: Value, such as the name of a template.
-        least: Minimum amount, in percent or as a count.
-        most: Maximum amount in the same unit, or None for any.
-        in_percent: Whether the amounts are percentages of all tasks, or of all variations for an axis.
+        kind: Property, such as "template".
+        value: Value of the property, such as the name of a template.
+        least: Minimum amount, as a percentage or a count.
+        most: Maximum amount in the same unit, or None if there is no maximum.
+        in_percent: Whether the amounts are percentages: of all variations for an axis, otherwise of all tasks.
     """
 
     kind: Kind
@@ -55,30 +55,30 @@ class Quota:
 
     @property
     def name(self) -> str:
-        """Property and value, as in the option."""
+        """Property and value, as written in the option ("template=loose_packing")."""
         return f"{self.kind}={self.value}"
 
     def __str__(self) -> str:
-        """Return the quota as it is given in the option."""
+        """Return the quota as it is written in the option ("template=loose_packing:20%")."""
         unit = "%" if self.in_percent else ""
         amounts = [self.least] if self.most is None else [self.least, self.most]
         return f"{self.name}:{'-'.join(f'{amount:g}{unit}' for amount in amounts)}"
 
     def least_of(self, total: int) -> int:
-        """Return the minimum count for a total."""
+        """Return the minimum number of tasks or variations that the quota requires, given their total number."""
         return math.ceil(self.least * total / 100.0 - 1e-9) if self.in_percent else int(self.least)
 
     def most_of(self, total: int) -> int:
-        """Return the maximum count for a total."""
+        """Return the maximum number of tasks or variations that the quota allows, given their total number."""
         if self.most is None:
             return total
         return math.floor(self.most * total / 100.0 + 1e-9) if self.in_percent else int(self.most)
 
 
 def parse_quota(text: str, *, where: str = "--quota") -> Quota:
-    """Read a quota such as ``template=loose_packing:20%``, ``context=kitchen:3-5`` or ``axis=temporal:15%``.
+    """Parse a quota such as ``template=loose_packing:20%``, ``context=kitchen:3-5`` or ``axis=temporal:15%``.
 
-    A single amount is the minimum. Two amounts are minimum and maximum.
+    A single amount is the minimum. Two amounts are the minimum and the maximum.
 
     Raises:
         InvalidInputError: If the text is malformed, or the amounts contradict each other.
@@ -98,17 +98,19 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
     found = _AMOUNT.fullmatch(amount.replace(" ", ""))
     if found is None:
         raise InvalidInputError(
-            place, f"{one_line(amount, most=80)!r} is not an amount", "Write 20%, 10%-30%, 5 or 3-8"
+            place, f"{one_line(amount, most=80)!r} is not an amount", "Write an amount such as 20%, 10%-30%, 5 or 3-8"
         )
     least, unit, most, other = found.groups()
     if most is not None and unit != other and unit:
-        raise InvalidInputError(place, f"{amount!r} mixes a percentage and a count", "Write 10%-30% or 3-8")
+        raise InvalidInputError(
+            place, f"{amount!r} mixes a percentage and a count", "Write a range such as 10%-30% or 3-8"
+        )
     in_percent = bool(unit or other)
     low, high = float(least), None if most is None else float(most)
     if kind == "axis" and not in_percent:
-        raise InvalidInputError(place, f"{amount!r} is a count", "Write the share of all variations, such as 15%")
+        raise InvalidInputError(place, f"{amount!r} is a count", "Write a percentage of all variations, such as 15%")
     if in_percent and max(low, high or 0.0) > 100.0:
-        raise InvalidInputError(place, f"{amount!r} is more than 100%", "Write at most 100%")
+        raise InvalidInputError(place, f"{amount!r} is more than 100%", "Use at most 100%")
     if not in_percent and not (low.is_integer() and (high is None or high.is_integer())):
         raise InvalidInputError(
             place, f"{amount!r} is not a whole number of tasks", "Write a whole number, or a percentage"
@@ -121,7 +123,7 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
 
 
 def _known(kind: Kind, value: str, place: str) -> str:
-    """Return the complete name of a value."""
+    """Return the full name of the value in a quota. Raise UnknownNameError if the value does not exist."""
     if kind == "context":
         _require_context(value, place)
         return value
@@ -141,9 +143,13 @@ def _require_context(value: str, place: str) -> None:
     try:
         plain_text(value)
     except ValueError as error:
-        raise InvalidInputError(place, f"the context {error}", "Write the context in words") from error
+        raise InvalidInputError(
+            place, f"the context {error}", "Write the context as plain words, such as kitchen"
+        ) from error
     if len(value) > LONGEST_NAME:
-        raise InvalidInputError(place, f"the context has {len(value)} characters", f"Write at most {LONGEST_NAME}")
+        raise InvalidInputError(
+            place, f"the context has {len(value)} characters", f"Write at most {LONGEST_NAME} characters"
+        )
 
 
 _Amount = Annotated[str, Field(pattern=_AMOUNT_PATTERN)]
@@ -167,10 +173,10 @@ def quotas_schema() -> dict[str, Any]:
 
 
 def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...]:
-    """Return the quotas of a file's fields, ``{"template": {"loose_packing": "20%"}}``.
+    """Return the quotas given by the fields of a file, such as ``{"template": {"loose_packing": "20%"}}``.
 
     Raises:
-        InvalidInputError: If a field or an amount has another form.
+        InvalidInputError: If a field or an amount is malformed.
         UnknownNameError: If a value does not exist.
     """
     read = read_form(_QUOTAS, form, where=where, cure='Write fields like `template: {loose_packing: "20%"}`')
@@ -182,31 +188,32 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """Supply of scenarios that an author can write."""
+    """Scenarios that an author can write, as far as this is known."""
 
     @property
     def templates(self) -> Sequence[str]:
-        """Templates of the scenarios."""
+        """Names of the templates for which the author writes scenarios."""
 
     def contexts(self) -> Collection[str] | None:
-        """Return the contexts of the scenarios, or None for any."""
+        """Return the contexts of the scenarios, or None if any context is possible."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int | None:
-        """Return the number of scenarios without near-duplicates, or None if it is unlimited."""
+        """Return the number of scenarios with different goals for some templates, or None if it is unlimited."""
 
 
 def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, best_share: Mapping[str, float]) -> None:
-    """Check that quotas are consistent with each other, with the number of tasks and with the author.
+    """Check that quotas are consistent with each other, with the number of tasks, and with what the author can write.
 
     Args:
-        quotas: The quotas.
-        until: Number of tasks.
-        supply: Scenarios of the author.
-        best_share: Largest share of each axis in the variations of a task of the allowed templates.
+        quotas: Quotas to check.
+        until: Requested number of tasks.
+        supply: Scenarios that the author can write.
+        best_share: For each axis, the largest fraction of variations on this axis that the tasks of an allowed template
+            have.
 
     Raises:
         InvalidInputError: For the first contradiction.
-        UnknownNameError: If a template or a context has no scenario of the author.
+        UnknownNameError: If the author has no scenario for a template or a context.
     """
     _require_each_once(quotas)
     _require_known_to(supply, quotas)
@@ -217,7 +224,7 @@ def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, b
         if quota.kind == "axis" and quota.least > 100.0 * best_share[quota.value] + 1e-9:
             share = f"{100.0 * best_share[quota.value]:.0f}%"
             problem = f"the variations of the allowed templates have at most {share} on this axis"
-            raise InvalidInputError(f"--quota {quota}", problem, f"Ask for {share} or less")
+            raise InvalidInputError(f"--quota {quota}", problem, f"Request {share} or less")
 
 
 def _require_each_once(quotas: Sequence[Quota]) -> None:
@@ -239,7 +246,10 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check the totals of a property. Its values are mutually exclusive."""
+    """Check that the minimums of a property's values, and likewise their maximums, can be met together.
+
+    A task or variation has only one value of the property, so the amounts of the values add up.
+    """
     listed = ", ".join(map(str, quotas))
     if kind == "axis":
         total, unit = 100, "% of the variations"
@@ -259,11 +269,11 @@ def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Suppl
             raise InvalidInputError(f"--quota {quota}", problem, "Widen the range, or raise --until")
     if len(quotas) == names and sum(mosts) < total:
         problem = f"these quotas allow only {sum(mosts):g}{unit}, but there are {total}: {listed}"
-        raise InvalidInputError("--quota", problem, "Raise the upper limit of one of them")
+        raise InvalidInputError("--quota", problem, "Raise the upper limit of one of these quotas")
 
 
 def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check that the author has enough scenarios for the quotas and for all tasks."""
+    """Check that the author has enough scenarios for each quota and for all tasks."""
     most = {q.value: q.most_of(until) for q in quotas if q.kind == "template"}
     open_templates = [t for t in supply.templates if most.get(t, until) > 0]
     for quota in quotas:
@@ -277,12 +287,12 @@ def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None
         if found is not None and found < least:
             problem = f"needs {least} tasks, but the grammar has only {found} different goals for it"
             raise InvalidInputError(
-                f"--quota {quota}", problem, f"Ask for {found} or less, or use a model with --model"
+                f"--quota {quota}", problem, f"Request {found} tasks or fewer, or use a model with --model"
             )
     limits = [(supply.goals([t]), most.get(t, until)) for t in supply.templates]
     if all(goals is not None for goals, _ in limits):
         total = sum(min(goals or 0, top) for goals, top in limits)
         if total < until:
             problem = f"needs {until} tasks, but the grammar has only {total} different goals for these quotas"
-            cure = f"Ask for {total} or less, give --distinct colors, or use a model with --model"
+            cure = f"Request {total} tasks or fewer, add --distinct colors, or use a model with --model"
             raise InvalidInputError("--until", problem, cure)

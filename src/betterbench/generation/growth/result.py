@@ -1,4 +1,4 @@
-"""Stored outcome of a growing suite. It can be read without a simulator."""
+"""Stored outcome of growing a suite. It can be read without a simulator."""
 
 from __future__ import annotations
 
@@ -10,24 +10,26 @@ from betterbench.generation.building.result import Result
 from betterbench.generation.growth.proposals import Proposal
 
 Stop = Literal["reached", "exhausted", "attempts"]
-"""Reason why the growth stopped: the number is reached, no scenario is left, or the maximum number of attempts is
-reached.
+"""Reason why the growth stopped.
+
+reached: the suite has the requested number of tasks. exhausted: no new scenario is left. attempts: the maximum number
+of scenarios has been built.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class QuotaStanding:
-    """Quota with its current state.
+    """A quota, and how far it is fulfilled.
 
     Attributes:
-        quota: The quota, as in the option.
-        kind: Property.
-        value: Value.
-        have: Number of tasks, or percentage of the variations for an axis.
+        quota: The quota as written in the option.
+        kind: Property, such as "template".
+        value: Value of the property.
+        have: Current number of tasks; for an axis, the current percentage of the variations.
         least: Minimum amount in the same unit.
-        most: Largest amount, None for any.
+        most: Maximum amount in the same unit, or None if there is no maximum.
         unit: "tasks", or "% of the variations".
-        is_open: Whether it is not fulfilled.
+        is_open: Whether the quota is not fulfilled yet.
     """
 
     quota: str
@@ -45,13 +47,13 @@ class GrownTask:
     """Certified task of a growing suite.
 
     Attributes:
-        result: Its result.
-        context: Context of its scenario.
-        key: Key that near-duplicates share.
-        difficulty: Level.
-        expert_s: Median time of the expert in its variations [s].
+        result: Result of building the task.
+        context: Context of the task's scenario.
+        key: Key that near-duplicates of the task share.
+        difficulty: Level of difficulty.
+        expert_s: Median time of the expert in the variations of the task [s].
         variations: Number of variations by axis.
-        set_aside: Reason why it is not part of the suite; empty if it is.
+        set_aside: Reason why the certified task is not part of the suite; empty if it is part of it.
     """
 
     result: Result
@@ -69,14 +71,14 @@ class Growth:
 
     Attributes:
         until: Requested number of tasks.
-        stop: Reason why it stopped.
-        tasks: Certified tasks, in order; those with a ``set_aside`` reason are not part of the suite.
-        refused: Results of scenarios that could not be certified.
-        proposals: All proposals; those whose outcome is not "drawn" were not built.
-        quotas: State of the quotas.
-        goals: Number of different goals of the author, None if it is not known.
-        near_duplicates: Number of scenarios that were left out as near-duplicates.
-        known_goals: Number of goals that were left out because another suite contains them.
+        stop: Reason why the growth stopped.
+        tasks: Certified tasks, in order. Tasks with a ``set_aside`` reason are not part of the suite.
+        refused: Results of the scenarios that could not be certified.
+        proposals: All proposals. Those whose outcome is not "drawn" were not built.
+        quotas: All quotas, and how far each is fulfilled.
+        goals: Number of different goals for which the author has scenarios, or None if it is not known.
+        near_duplicates: Number of scenarios that were left out because they are near-duplicates.
+        known_goals: Number of goals that were left out because a task in another suite has them.
         suite: Folder of the suite; None if no task was accepted.
     """
 
@@ -93,22 +95,22 @@ class Growth:
 
     @property
     def accepted(self) -> tuple[GrownTask, ...]:
-        """Tasks of the suite."""
+        """Tasks that are part of the suite."""
         return tuple(task for task in self.tasks if not task.set_aside)
 
     @property
     def open_quotas(self) -> tuple[QuotaStanding, ...]:
-        """Quotas that are not fulfilled."""
+        """Quotas that are not fulfilled yet."""
         return tuple(quota for quota in self.quotas if quota.is_open)
 
     @property
     def variations(self) -> int:
-        """Number of variations of the suite."""
+        """Number of variations in the suite, over all tasks."""
         return sum(sum(task.variations.values()) for task in self.accepted)
 
     @property
     def reason(self) -> str:
-        """Sentence that explains why the growth stopped, with the open quotas."""
+        """Text that explains why the growth stopped and lists the quotas that are not fulfilled."""
         number = len(self.accepted)
         match self.stop:
             case "reached":
@@ -126,7 +128,7 @@ class Growth:
         return text
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the outcome as a JSON-serializable dict."""
         return {
             "schema_version": 1,
             "until": self.until,

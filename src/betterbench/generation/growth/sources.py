@@ -1,4 +1,4 @@
-"""Authors of the next scenario of a growing suite: the grammar, or a language model."""
+"""Authors that propose the next scenario of a growing suite: the grammar, or a language model."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Number of compared color choices of a goal, of which the one with the least used colors is used."""
+"""Number of color choices that are compared for a goal. The choice with the least used colors is taken."""
 COMPARED = 400
-"""Number of compared goals of a context, of which the one least similar to earlier goals is used."""
+"""Number of goals that are compared for a context. The goal least similar to earlier goals is taken."""
 PATIENCE = 5
-"""Number of consecutive answers without a new scenario after which a template counts as exhausted."""
+"""Number of consecutive answers without a new scenario after which a template is considered exhausted."""
 
 
 class Cell(NamedTuple):
-    """Template and context of a scenario. An empty context means any."""
+    """Template and context for which a scenario is requested. If the context is empty, any context is allowed."""
 
     template: str
     context: str
@@ -39,13 +39,13 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """Proposal by an author.
+    """Scenario that an author proposes, or the reason why there is none.
 
     Attributes:
-        outcome: Outcome of the proposal.
+        outcome: Whether the scenario can be built, or the kind of reason why it cannot.
         scenario: The scenario; None if the author wrote none.
-        key: Key that near-duplicates share; empty if it is unknown.
-        problem: Reason why it cannot be built.
+        key: Key that near-duplicates of the scenario share; empty if it is unknown.
+        problem: Reason why the scenario cannot be built.
     """
 
     outcome: Outcome
@@ -55,36 +55,39 @@ class Proposed:
 
 
 class Source(Protocol):
-    """Author of the next scenario. It also declares its supply (see :class:`~.quotas.Supply`)."""
+    """Author that proposes the next scenario for a growing suite.
+
+    It also states which scenarios it can write, as in :class:`~.quotas.Supply`.
+    """
 
     @property
     def templates(self) -> Sequence[str]:
-        """Templates of the scenarios."""
+        """Names of the templates for which the author writes scenarios."""
 
     def contexts(self) -> Collection[str] | None:
-        """Return the contexts of the scenarios, None for any."""
+        """Return the contexts of the scenarios, or None if any context is possible."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int | None:
-        """Return the number of different goals, or None if it is unlimited."""
+        """Return the number of scenarios with different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the templates and contexts for which a new scenario may be left, in a fixed order."""
+        """Return the pairs of template and context that may still have a new scenario, in a fixed order."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the next scenario of a template and context. The number makes the proposal unique."""
+        """Return a new scenario for a template and context. The number distinguishes the proposal from all others."""
 
     def take(self, proposal: Proposal) -> None:
-        """Register a new or stored proposal."""
+        """Take note of a proposal, which may be new or stored."""
 
 
 class OfflineSource:
-    """Author that uses the grammar. Each goal is used once, and goals with the least used categories come first.
+    """Author that uses the grammar. Each goal is used only once, and goals with the least used categories come first.
 
     Args:
-        templates: Templates of the scenarios.
+        templates: Names of the templates for which scenarios are proposed.
         seed: Seed of all draws.
-        distinct: Difference required between two scenarios that are not near-duplicates.
-        known: Keys of other tasks, whose near-duplicates are left out.
+        distinct: Minimum difference between two scenarios that are not near-duplicates.
+        known: Keys of existing tasks. Near-duplicates of these tasks are left out.
     """
 
     def __init__(
@@ -109,15 +112,15 @@ class OfflineSource:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Templates of the scenarios."""
+        """Names of the templates for which scenarios are proposed."""
         return self._templates
 
     def contexts(self) -> tuple[str, ...]:
-        """Return the contexts of the themes."""
+        """Return the contexts of all themes."""
         return tuple(dict.fromkeys(cell.context for cell in self._left))
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int:
-        """Return the number of different goals, without those of other tasks."""
+        """Return the number of different goals. Goals of existing tasks are not counted."""
         keys = {
             key
             for cell, key in self._choices
@@ -126,14 +129,14 @@ class OfflineSource:
         return len(keys)
 
     def cells(self) -> list[Cell]:
-        """Return the templates and contexts with a goal that was not drawn."""
+        """Return the pairs of template and context that still have a goal that was not drawn."""
         for cell, keys in self._left.items():
             if any(key in self._done for key in keys[:COMPARED]):
                 self._left[cell] = [key for key in keys if key not in self._done]
         return [cell for cell, keys in self._left.items() if keys]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the scenario of a template and a context with the least used categories and colors."""
+        """Return the scenario for a template and context whose categories and colors were used least so far."""
         fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
         key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
         rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
@@ -143,12 +146,15 @@ class OfflineSource:
         return Proposed("drawn", scenario_of(cell.template, theme, choice, rng), key)
 
     def _cost(self, cell: Cell, choice: Choice, *, colored: bool) -> float:
-        """Return the mean number of earlier uses of the categories, or of the colored categories."""
+        """Return how often the categories in a choice were used before, on average.
+
+        If ``colored`` is set, pairs of category and color are counted instead of categories.
+        """
         names = [" ".join(kind) if colored else kind[0] for kinds in choice.values() for kind in kinds]
         return sum(self._uses[cell.template, name] for name in names) / len(names)
 
     def take(self, proposal: Proposal) -> None:
-        """Register a proposal, so that its goal is not drawn again."""
+        """Take note of a proposal, so that no other scenario with the same goal is drawn."""
         self._done.add(proposal.key)
         if proposal.scenario is None:
             return
@@ -160,7 +166,10 @@ class OfflineSource:
 
 @functools.cache
 def _choices_of(template: str, distinct: Distinct) -> Mapping[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]]:
-    """Return all choices of objects of a template by context and goal. This takes two seconds for all templates."""
+    """Return all choices of objects for a template, by context and goal.
+
+    This takes two seconds for all templates together.
+    """
     found: dict[tuple[Cell, str], list[tuple[Theme, Choice]]] = {}
     for theme in grammar_of(template).themes:
         cell = Cell(template, theme.context)
@@ -173,14 +182,14 @@ class ModelSource:
     """Author that uses a language model.
 
     Args:
-        templates: Templates of the scenarios.
-        chat: The model with its kept exchanges.
-        catalogue: Catalogue in which near-duplicates are found by their assets.
-        contexts: Contexts that can be requested, in addition to any.
-        tries: Answers per scenario.
-        open_vocabulary: Whether the model may use other objects than those of the library.
-        distinct: Difference required between two scenarios that are not near-duplicates.
-        known: Names of other tasks by the key that their near-duplicates share.
+        templates: Names of the templates for which scenarios are proposed.
+        chat: Model with its stored exchanges.
+        catalogue: Catalogue that is searched for the assets of a scenario, to detect near-duplicates.
+        contexts: Contexts that may be requested. A request may also leave the context to the model.
+        tries: Maximum number of answers requested per scenario.
+        open_vocabulary: Whether the model may use objects that are not in the library.
+        distinct: Minimum difference between two scenarios that are not near-duplicates.
+        known: Names of existing tasks, by the key that near-duplicates of the task share.
     """
 
     def __init__(
@@ -203,22 +212,26 @@ class ModelSource:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Templates of the scenarios."""
+        """Names of the templates for which scenarios are proposed."""
         return self._templates
 
     def contexts(self) -> None:
         """Return None, because a model may write any context."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> None:
-        """Return None, because the number is not known."""
+        """Return None, because the number of goals is not known."""
 
     def cells(self) -> list[Cell]:
-        """Return the templates whose last answers contained a new scenario, with each context and without one."""
+        """Return the pairs of template and context that can be requested.
+
+        Exhausted templates are left out. The others occur with each allowed context, and with an empty one for any
+        context.
+        """
         left = [template for template in self._templates if self._misses[template] < PATIENCE]
         return [Cell(template, context) for template in left for context in ("", *self._contexts)]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Let the model write a scenario.
+        """Have the model write a scenario for a template and context.
 
         Raises:
             ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -237,7 +250,10 @@ class ModelSource:
         return Proposed("drawn", scenario, key)
 
     def take(self, proposal: Proposal) -> None:
-        """Register a proposal. Later ones must differ from it, and consecutive failures exhaust its template."""
+        """Take note of a proposal.
+
+        Later scenarios must differ from the proposed one. After repeated failures, the template counts as exhausted.
+        """
         self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
         if proposal.scenario is not None:
             self._written[proposal.template].append(proposal.read())

@@ -1,6 +1,6 @@
-"""Choice of the next template and context to fill open quotas, and acceptance of certified tasks.
+"""Choice of the next template and context, and acceptance of certified tasks, with the aim of filling the quotas.
 
-All choices depend only on the accepted tasks and the drawn scenarios, and not on workers or timing.
+All choices depend only on the accepted tasks and on the drawn scenarios, not on the number of workers or on timing.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from betterbench.generation.growth.sources import Cell
 from betterbench.tasks import Axis
 
 _LIKELY = 0.5
-"""Minimum fraction of a template's tasks at a level of difficulty for its next task to be expected at this level.
-"""
+"""Fraction of a template's tasks above which their level of difficulty is expected for the next task too."""
 _TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
 
 
@@ -25,6 +24,9 @@ class Traits:
     """Properties of a certified task that count toward quotas.
 
     Attributes:
+        template: Name of the template.
+        context: Context of the scenario.
+        difficulty: Level of difficulty.
         variations: Number of variations by axis.
     """
 
@@ -43,11 +45,14 @@ _EXPECTED: Mapping[str, tuple[str, str]] = {
     "precision_insertion": ("LLROT", "medium"),
     "recursive_stacking": ("LLROTT", "easy"),
 }
-"""Measured axes and difficulty of one task per template, as initial estimates."""
+"""Axes of the variations (one letter each) and difficulty of a typical task, by template. Used as initial estimates."""
 
 
 class _Mix:
-    """Running mean of the tasks of a template: variations by axis, and shares of the levels of difficulty."""
+    """Mean properties of the tasks of a template.
+
+    These are the number of variations on each axis, and the fraction of tasks with each level of difficulty.
+    """
 
     def __init__(self, template: str) -> None:
         letters, level = _EXPECTED.get(template, ("LROT", ""))
@@ -57,31 +62,31 @@ class _Mix:
         self._levels = {d.value: (1.0 if d.value == level else 0.0) if level else share for d in Difficulty}
 
     def add(self, traits: Traits) -> None:
-        """Add a task."""
+        """Include the properties of a task in the means."""
         self._number += 1
         self._axes.update(traits.variations)
         self._levels[traits.difficulty] += 1.0
 
     def variations(self, axis: str) -> float:
-        """Return the mean number of variations on an axis."""
+        """Return the mean number of variations per task on an axis."""
         return self._axes[axis] / self._number
 
     @property
     def total(self) -> float:
-        """Mean number of variations."""
+        """Mean number of variations per task."""
         return sum(self._axes.values()) / self._number
 
     def share(self, axis: str) -> float:
-        """Return the share of an axis in the variations."""
+        """Return the fraction of the variations that are on an axis."""
         return self.variations(axis) / self.total
 
     def level(self, difficulty: str) -> float:
-        """Return the share of tasks of a difficulty."""
+        """Return the fraction of the tasks that have a level of difficulty."""
         return self._levels[difficulty] / self._number
 
 
 class _Tally:
-    """Counts of accepted tasks, and expected counts of scenarios that are being built."""
+    """Counts of accepted tasks, plus expected counts of the scenarios that are being built."""
 
     def __init__(self) -> None:
         self.tasks = 0
@@ -95,14 +100,14 @@ class _Tally:
         return other
 
     def of(self, kind: Kind, value: str) -> float:
-        """Return the count of a value."""
+        """Return how many tasks, or variations for an axis, have a value of a property."""
         return self.counts.get((kind, value), 0.0)
 
     def _count(self, kind: Kind, value: str, number: float) -> None:
         self.counts[kind, value] = self.of(kind, value) + number
 
     def add(self, traits: Traits) -> None:
-        """Count a task."""
+        """Count an accepted task."""
         self.tasks += 1
         self._count("template", traits.template, 1.0)
         self._count("context", traits.context, 1.0)
@@ -112,7 +117,7 @@ class _Tally:
             self.variations += number
 
     def expect(self, cell: Cell, mix: _Mix) -> None:
-        """Count a scenario that is being built as a task."""
+        """While a scenario is being built, count it as an accepted task with the mean properties of its template."""
         self.tasks += 1
         self._count("template", cell.template, 1.0)
         self._count("context", cell.context, 1.0)
@@ -124,12 +129,12 @@ class _Tally:
 
 
 class Steering:
-    """State of a growing suite, with its accepted tasks and the expected tasks per template.
+    """Chooses the next template and context, and accepts certified tasks, so that the quotas are filled.
 
     Args:
-        quotas: The quotas.
-        until: Number of tasks.
-        templates: Templates of the author.
+        quotas: Quotas that the suite must fulfill.
+        until: Requested number of tasks.
+        templates: Names of the templates for which the author writes scenarios.
     """
 
     def __init__(self, quotas: Sequence[Quota], until: int, templates: Sequence[str]) -> None:
@@ -140,22 +145,22 @@ class Steering:
 
     @property
     def left(self) -> int:
-        """Number of missing tasks."""
+        """Number of tasks that are still missing."""
         return self._until - self._tally.tasks
 
     def note(self, cell: Cell) -> None:
-        """Register a proposed scenario, so that templates and contexts without a quota are used in turn."""
+        """Take note of a proposed scenario, so that templates and contexts without a quota are used in turn."""
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
-        """Return the template and context of the next scenario, or None if none helps to fill the open quotas.
+        """Return the template and context of the next scenario, or None if the quotas allow none.
 
-        The chosen template and context are those with which a task helps to fill the most open quotas. If several are
-        equally helpful, the least used ones are chosen. If all missing tasks are needed for the minimums of a property,
-        only these values are drawn.
+        The chosen template and context are those for which a task would help to fill the most open quotas. If several
+        are equally helpful, the least used ones are chosen. If all missing tasks are needed to reach the minimums for a
+        property, only values of this property that still lack tasks are chosen.
 
         Args:
-            cells: Templates and contexts with a remaining scenario.
+            cells: Templates and contexts for which the author has a new scenario.
             pending: Templates and contexts of the scenarios that are being built, each of which counts as a task.
         """
         tally = self._tally.copy()
@@ -186,7 +191,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return the number of tasks that are missing for the quota of a value."""
+        """Return how many tasks are still missing to reach the minimum in the quota for a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -196,7 +201,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return the expected number of open quotas that a task would help to fill."""
+        """Return how many open quotas a task with a template and context is expected to help fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:
@@ -210,7 +215,7 @@ class Steering:
         return round(found, 9)
 
     def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
-        """Return the contribution of a task to the quota of an axis, 1 for the best template."""
+        """Return how much a task helps to fill the quota for an axis, relative to the best template (from 0 to 1)."""
         best = max(m.share(quota.value) for m in self._mixes.values()) or 1.0
         share = 100.0 * tally.of("axis", quota.value) / tally.variations if tally.variations else 0.0
         if share < quota.least:
@@ -220,7 +225,7 @@ class Steering:
         return 0.0
 
     def take(self, traits: Traits) -> str:
-        """Accept a certified task, or return the reason why a quota excludes it."""
+        """Accept a certified task and return an empty text, or return the reason why a quota excludes the task."""
         self._mixes[traits.template].add(traits)
         after = self._tally.copy()
         after.add(traits)
@@ -240,7 +245,7 @@ class Steering:
         return ""
 
     def _is_reachable(self, quota: Quota, tally: _Tally, places: int) -> bool:
-        """Return whether the share of an axis can still be reached if all remaining tasks are of the best template."""
+        """Return whether the quota for an axis can still be met if the most suitable template is used from now on."""
         low, high = quota.least / 100.0, 1.0 if quota.most is None else quota.most / 100.0
         number, total = tally.of("axis", quota.value), tally.variations
         surplus = max(m.variations(quota.value) - low * m.total for m in self._mixes.values())
@@ -248,11 +253,11 @@ class Steering:
         return number - low * total + places * surplus > -1e-9 and number - high * total + places * excess < 1e-9
 
     def best_share(self) -> dict[str, float]:
-        """Return the largest expected share of each axis in the variations of a task, over the templates."""
+        """Return the largest expected fraction of a task's variations on each axis, among all templates."""
         return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
 
     def standing(self) -> list[tuple[Quota, float, bool]]:
-        """Return the state of each quota."""
+        """Return the state of each quota: its current amount, and whether it is still open."""
         found = []
         for quota in self._quotas:
             have = self._tally.of(quota.kind, quota.value)

@@ -1,7 +1,8 @@
-"""Patterns: one file per template, which converts a cast to a task with training conditions and variations.
+"""Patterns: one file per template. A pattern converts a cast to a task with training conditions and variations.
 
-A pattern chooses reachable and visible slots, creates training conditions with confounds, derives the variations that
-the template allows on the four axes, and lists balanced conditions. New files in this folder are found automatically.
+A cast is a scenario with chosen assets. A pattern chooses reachable and visible slots, creates training conditions with
+confounds, derives the variations that the template allows on the four axes, and lists balanced conditions. New files in
+this folder are found automatically.
 """
 
 import importlib

@@ -1,6 +1,6 @@
 """Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-In training, words that name an object only occur in the first layout, and words that name a place only in the second.
+In training, instructions name the object itself only in the first layout, and its position only in the second layout.
 """
 
 import itertools
@@ -41,7 +41,7 @@ DONE = "The policy sees what is done already and does nothing again."
 def constrained_positioning(cast: Cast) -> GeneratedTask:
     """Make a task with two or three cups or mugs and a fixture with a ring.
 
-    In the twins of L1 to L4, the instruction names another item of the same scene.
+    The training twin of each of the variations L1 to L4 has the same scene, but its instruction names another item.
 
     Raises:
         InvalidInputError: If an object does not fit. The message names the object.
@@ -50,7 +50,10 @@ def constrained_positioning(cast: Cast) -> GeneratedTask:
 
 
 class _Positioning:
-    """Builder of a task from a cast, with its layouts and instructions."""
+    """Builds a task from a cast (a scenario with chosen assets).
+
+    The task consists of layouts, instructions, variations and balanced conditions.
+    """
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -72,16 +75,16 @@ class _Positioning:
         self.layouts = tuple({**self._in_slots(order), **around} for order in orders)
 
     def _in_slots(self, order: tuple[a.ObjectSpec, ...]) -> dict[a.ObjectSpec, a.Slot]:
-        """Return the slots of the items, given in the order of the near, the far and the middle slot."""
+        """Return the slot of each item. ``order`` lists the items in the near, the far and the middle slot."""
         return {item: self.slots[order.index(item)] for item in self.items}
 
     def named(self, item: a.ObjectSpec) -> a.Instruction:
-        """Return the instruction that names an item by its word."""
+        """Return the instruction that names an item by its color or kind."""
         word = self.words[item.name]
         return self._put(word, f"{word} {self.noun}" if self.noun else word, item, _has_handle(item))
 
     def placed(self, slot: a.Slot) -> a.Instruction:
-        """Return the instruction that names an item by its position."""
+        """Return the instruction that names an item by the position of its slot."""
         word = PLACES[slot.name]
         text = f"{word} {self.noun or 'vessel'}"
         return self._put(word, text, a.Reference(slot=slot.name), all(map(_has_handle, self.items)))
@@ -145,9 +148,10 @@ class _Positioning:
         return in_order(found), tuple(unbuilt)
 
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
-        """Return the first training condition of the layout that requests another item.
+        """Return the training condition that serves as the twin of a variation.
 
-        Its motion does not solve the variation.
+        It is the first training condition with the same layout whose instruction requests another item, so that
+        repeating its motion does not solve the variation.
         """
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
@@ -158,11 +162,12 @@ class _Positioning:
         raise AssertionError("two items are requested in every layout")
 
     def _balanced(self) -> list[Condition]:
-        """Return balanced conditions of each word with all items and another object, and of scenes with a single item.
+        """Return the balanced conditions of the task.
 
-        A single item is alone or with the look-alike of another item. The additional object distinguishes these scenes
-        from tests, and only the words determine the target. With the look-alike of the item itself, the scene would be
-        a test.
+        Each word occurs in scenes with all items and an additional object, and in scenes with a single item. A single
+        item is alone, or together with the look-alike of another item. It is never together with its own look-alike,
+        because this scene is a test. Because of the additional object, the scenes with all items differ from those of
+        the tests. Only the words determine the target.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
@@ -185,11 +190,14 @@ class _Positioning:
         return found
 
     def _beside(self) -> dict[str, a.ObjectSpec]:
-        """Return the look-alikes by the name of their item, or a toy block under the name "" if no item has one."""
+        """Return the look-alike of each item, by the name of the item.
+
+        If no item has a look-alike, return a toy block under the name "".
+        """
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the cyclic rotations of the items. Each item is in each slot once."""
+        """Return the cyclic rotations of the items, in which each item is in each slot once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 
@@ -222,7 +230,7 @@ def _has_handle(item: a.ObjectSpec) -> bool:
 
 
 def _require_fit(item: a.ObjectSpec, fixture: a.ObjectSpec) -> None:
-    """Check that every look of an item fits on the ring of every look of the fixture, held by the gripper.
+    """Check that every variant of an item fits on the ring of every variant of the fixture while the gripper holds it.
 
     Raises:
         InvalidInputError: If the fixture has no ring, or the item is too wide, too high, or held in such a way that the

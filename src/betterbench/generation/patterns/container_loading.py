@@ -1,6 +1,6 @@
 """Container loading: the named object is put into the named drawer, and the drawer is closed.
 
-In training, each object goes into its own drawer of the cabinet, and each position of the cabinet has its own layout.
+In training, each object always goes into the same drawer, and the objects' slots depend on the position of the cabinet.
 """
 
 import math
@@ -41,11 +41,11 @@ WALL_M = 0.005
 LONGEST_M = 0.14
 """Maximum length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
-"""Heading of the slots for an object whose corners would touch the walls of a drawer, equal to that of the cabinet
-[rad].
+"""Heading of the slots for an object whose corners would otherwise touch the walls of a drawer [rad]. It is the heading
+of the cabinet.
 """
 CORNER_M = 0.005
-"""Distance by which corners may extend beyond half the length of an object [m]. The expert keeps this gap."""
+"""Distance by which corners may extend beyond half the length of an object [m]. The expert keeps a gap of this size."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."
@@ -56,7 +56,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.CONTAINER_LOADING)
 def container_loading(cast: Cast) -> GeneratedTask:
-    """Make a task with two objects and a cabinet with an upper and a lower drawer.
+    """Return a task with two objects, and a cabinet with an upper and a lower drawer.
 
     While the upper drawer is open, nothing can be put into the lower one.
 
@@ -67,7 +67,10 @@ def container_loading(cast: Cast) -> GeneratedTask:
 
 
 class _Loading:
-    """Builder of a task from a cast, with its layouts and instructions."""
+    """Builds a task from a cast (a scenario with chosen assets).
+
+    The task consists of layouts, instructions, variations and balanced conditions.
+    """
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -92,14 +95,18 @@ class _Loading:
         )
 
     def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
-        """Return the items, the one for the upper drawer (as stated in the scenario's instruction) first."""
+        """Return the two items in order.
+
+        The first one goes into the upper drawer in training. The given order is exchanged if the scenario's instruction
+        puts the items into the other drawers.
+        """
         stated = stated_goal(self.cast.scenario).regions
         first, second = items
         exchanged = stated.get(first.name) == "lower" or stated.get(second.name) == "upper"
         return (second, first) if exchanged else items
 
     def load(self, *steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
-        """Return the instruction to put objects into drawers and to close the drawers."""
+        """Return the instruction to put the given objects into drawers and then close the drawers."""
         parts = [f"the {item.kind} into the {into.kind}" for item, into in steps]
         goals: list[a.Subgoal] = []
         for item, into in steps:
@@ -162,10 +169,11 @@ class _Loading:
         return in_order(found), tuple(unbuilt)
 
     def _balanced(self) -> list[Condition]:
-        """Return balanced conditions in four layouts, with each object in each drawer, and the drawer closed or open.
+        """Return balanced conditions in four layouts.
 
-        Only the first object into the lower drawer is the instruction of a test, so it occurs here together with the
-        second object.
+        Each object goes into each drawer, which is open or closed at the start. A test has the instruction to put only
+        the first object into the lower drawer. Here, this instruction is therefore always combined with one about the
+        other object.
         """
         (first, second), upper, lower = self.items, self.upper, self.lower
         back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}
@@ -214,7 +222,8 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
     """Return the upper and the lower drawer, each with its mount.
 
     Raises:
-        InvalidInputError: If the cast does not have one drawer for each mount, of the cabinet's family and color.
+        InvalidInputError: If the cast does not have one drawer for each mount of the cabinet, or a drawer does not
+            match the family and color of the cabinet.
     """
     chosen = group(cast, "drawers", "drawer", 2, 2)
     found = []
@@ -227,15 +236,19 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
         found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
     for spec in found:
         if family_of(spec.category) != family_of(cabinet.category):
-            raise refused(spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers of its family")
+            raise refused(
+                spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers made for this cabinet"
+            )
         if cabinet.color is not None and cabinet.color not in colors(spec.category):
             known = ", ".join(colors(spec.category))
-            raise refused(spec, f"does not exist in {cabinet.color}", f"Choose a cabinet in one of: {known}")
+            raise refused(
+                spec, f"does not exist in {cabinet.color}", f"Choose a cabinet in one of these colors: {known}"
+            )
     return found[0], found[1]
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether a look that is not round would need more room in a drawer if it were rotated."""
+    """Return whether an object has corners, so that it needs more room in a drawer when it is rotated."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
@@ -247,13 +260,13 @@ def _has_corners(item: a.ObjectSpec) -> bool:
 
 
 def _is_round(asset: Asset) -> bool:
-    """Return whether an object is as wide as long and has no corners."""
+    """Return whether an object is about as wide as long, without corners."""
     long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
     return wide > 0.9 * long and radius_below(asset, math.inf) <= 0.5 * long + 0.003
 
 
 def _require_fit(item: a.ObjectSpec, cabinet: a.ObjectSpec, drawers: tuple[a.ObjectSpec, ...]) -> None:
-    """Check that every look of an item fits into every look of the drawers.
+    """Check that every variant of an item fits into every variant of the drawers.
 
     Raises:
         InvalidInputError: If the item is too long or too high, or the gripper cannot hold it.

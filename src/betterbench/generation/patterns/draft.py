@@ -1,4 +1,4 @@
-"""Draft of a generated task: training conditions, variations numbered by axis, and balanced conditions."""
+"""Draft of a generated task: its training conditions, its variations numbered by axis, and variations left out."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from betterbench.tasks.axes import Axis
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 LEAST_VARIATIONS, LEAST_AXES = 4, 3
-"""Minimum numbers of variations of a generated task, and of axes among them."""
+"""Minimum number of variations of a generated task, and minimum number of axes to which they belong."""
 
 
 @dataclass
 class Draft:
-    """Task under construction, checked by :meth:`finish`.
+    """Task under construction, which :meth:`finish` checks and completes.
 
     Attributes:
-        training: Training conditions, which are named train1, train2 and so on.
-        variations: Variations so far.
+        training: Training conditions. They get the names train1, train2 and so on.
+        variations: Variations added so far.
         unbuilt: Variations that could not be derived.
     """
 
@@ -47,7 +47,10 @@ class Draft:
         self.training = tuple(c.with_(name=f"train{i}") for i, c in enumerate(self.training, start=1))
 
     def base_of(self, instruction: a.Instruction, layout: Mapping[ObjectSpec, Slot] | None = None) -> str:
-        """Return the name of the first training condition with an instruction and, if given, a layout."""
+        """Return the name of the first training condition with a given instruction.
+
+        If a layout is given, the condition must have this layout too.
+        """
         slots = None if layout is None else {o.name: slot.name for o, slot in layout.items()}
         return next(
             c.name
@@ -66,10 +69,12 @@ class Draft:
         refuse: bool = False,
         mid_task: bool = False,
     ) -> bool:
-        """Add a variation, or list it as unbuilt if it is impossible or its objects may touch.
+        """Add a variation.
+
+        If it is impossible, tests nothing new, or its objects may touch, list it as unbuilt instead.
 
         Returns:
-            Whether it was added.
+            Whether the variation was added.
         """
         number = 1 + sum(v.name.startswith(axis) for v in self.variations)
         made = a.Variation(
@@ -90,11 +95,11 @@ class Draft:
         return problem is None
 
     def leave_out(self, axis: str, title: str, reason: str) -> None:
-        """List a variation that cannot be derived."""
+        """List a variation as unbuilt because it cannot be derived."""
         self.unbuilt.append(Unbuilt(axis, title, reason))
 
     def _problem(self, variation: a.Variation) -> str | None:
-        """Return the reason why a variation is impossible or does not test anything, or None."""
+        """Return the reason why a variation is impossible or does not test anything, or None if there is none."""
         try:
             condition = self._carried_out(variation)
         except BetterError as error:
@@ -122,10 +127,11 @@ class Draft:
         fixed: Mapping[ObjectSpec, Slot],
         asked: Sequence[a.Instruction],
     ) -> tuple[Condition, ...]:
-        """Return balanced conditions with every order of up to three movable objects and with every instruction.
+        """Return balanced conditions with every order of the movable objects in the slots and with every instruction.
 
-        More movable objects are rotated cyclically. In one of four conditions, and in every condition that would be a
-        test, an object that is not requested is missing.
+        If there are more than three movable objects, only the cyclic rotations of their order are used. Objects that
+        the instruction does not request are missing in one of four conditions, and in every condition that would
+        otherwise be a test.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -149,12 +155,13 @@ class Draft:
     def finish(
         self, balanced: Iterable[Condition], *, confounds: Sequence[str], crossed: Sequence[str]
     ) -> GeneratedTask:
-        """Check the draft, and return the task.
+        """Check the draft, and return the finished task.
 
-        Balanced conditions with the initial scene and the instruction of a test are left out.
+        Balanced conditions are left out if a test has the same initial scene and the same instruction.
 
         Raises:
-            InvalidInputError: If a condition breaks the template, its objects may touch, or variations are missing.
+            InvalidInputError: If a condition does not fit the template, its objects may touch, or there are too few
+                variations.
         """
         tests = self._tests()
         kept = tuple(c for c in balanced if pairing(c) not in tests)
@@ -167,8 +174,12 @@ class Draft:
         axes = {Axis.of(v.name) for v in self.variations}
         if len(self.variations) < LEAST_VARIATIONS or len(axes) < LEAST_AXES:
             left = "; ".join(f"{u.axis} {u.title}: {u.reason}" for u in self.unbuilt)
-            problem = f"{len(self.variations)} variations over {len(axes)} axes can be derived, 4 over 3 are needed"
-            raise InvalidInputError(where, f"{problem} ({left})", "Choose objects that look alike, or other sizes")
+            problem = (
+                f"{len(self.variations)} variations over {len(axes)} axes can be derived, but 4 over 3 axes are needed"
+            )
+            raise InvalidInputError(
+                where, f"{problem} ({left})", "Choose objects that look alike, or objects of other sizes"
+            )
         used = {slot for c in (*self.training, *kept) for slot in c.layout.values()}
         used |= {slot for v in self.variations for slot in self._carried_out(v).layout.values()}
         task = a.Task(
@@ -188,10 +199,10 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Return the task for the first choice with enough room.
+    """Build a task from each choice in turn, and return the first one in which the objects have enough room.
 
     Raises:
-        InvalidInputError: The error of the last choice, if no choice has enough room.
+        InvalidInputError: If no choice leaves enough room. This is the error of the last choice.
     """
     errors = []
     for choice in choices:
@@ -203,11 +214,11 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
 
 
 def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
-    """Sort variations by axis, in the order layout, recomposition, object and time."""
+    """Sort variations by axis, in the order layout, recomposition, object, time."""
     return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 
 def shuffled(cast: Cast, slots: Sequence[Slot]) -> tuple[Slot, ...]:
-    """Return slots in an order drawn from the seed of a cast."""
+    """Return slots in a random order that depends on the seed of a cast (a scenario with chosen assets)."""
     order = np.random.default_rng(cast.seed).permutation(len(slots)).tolist()
     return tuple(slots[i] for i in order)

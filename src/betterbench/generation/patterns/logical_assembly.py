@@ -29,10 +29,10 @@ TABLE = Table(
     ),
     stands=(a.Slot("stand", 0.52, 0.14, jitter_m=0.005, yaw_jitter=0.0),),
 )
-"""Table of the suite's cheeseburger."""
+"""Slots of the task cheeseburger in the suite."""
 
 _TALLEST_M = 0.15
-"""Maximum height of a stack above its base over which the arm can carry the last layer [m]."""
+"""Maximum height of a stack above its base at which the arm can still carry the last layer over the stack [m]."""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
@@ -44,7 +44,10 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Base, three layers that vary, and optionally a layer that always comes last."""
+    """Objects of a stack.
+
+    These are the base, three layers whose order varies, and possibly a layer that always comes last.
+    """
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]
@@ -52,11 +55,11 @@ class _Stack:
     words: dict[str, str]
 
     def of(self, *things: ObjectSpec) -> a.Instruction:
-        """Return the instruction to stack layers on the base from bottom to top, and the last layer on top."""
+        """Return the instruction to stack layers on the base from bottom to top, with the last layer on top of them."""
         return self.only(*things, *self.last)
 
     def only(self, *things: ObjectSpec) -> a.Instruction:
-        """Return the instruction to stack these layers on the base from bottom to top."""
+        """Return the instruction to stack only the given layers on the base, from bottom to top."""
         names = [f"the {o.kind}" for o in things]
         for i in range(1, len(things)):
             if things[i].kind == things[i - 1].kind:
@@ -70,19 +73,20 @@ class _Stack:
 
 @pattern(a.LOGICAL_ASSEMBLY)
 def logical_assembly(cast: Cast) -> GeneratedTask:
-    """Return a task in which the first layer, one of two others and, with four layers, a last one are put on a base.
+    """Return a task in which layers are put on a base: the first layer, then one of two others.
 
-    Distractors are not used: the layers occupy all slots.
+    If there are four layers, the fourth one is always put on top. Distractors are not used, because the layers occupy
+    all slots.
 
     Raises:
         InvalidInputError: If there are not three or four layers, a layer cannot be grasped or cannot carry the next
-            one, the fingers would touch the rim of the base, a stack would be too high, or a test would release a layer
-            at a height that does not occur in training.
+            one, the fingers would touch the rim of the base, a stack would be too high, or a layer would be released in
+            a test at a height that does not occur in training.
     """
     (base,) = in_role("container", (cast.one("base"),))
     layers = in_role("item", cast.groups.get("layers", ()))
     if not 3 <= len(layers) <= 4:
-        problem = f"has {len(layers)} objects, three or four are needed"
+        problem = f"has {len(layers)} objects, but three or four are needed"
         cure = "Choose three layers that change, and possibly one that always comes last"
         raise InvalidInputError("cast group 'layers'", problem, cure)
     require_usable(layers)
@@ -100,7 +104,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
 
 def _require_heights(stack: _Stack) -> None:
-    """Check that every layer in a test is released within 5 mm of a release height in demonstrations."""
+    """Check that every layer in a test is released within 5 mm of a release height in the demonstrations."""
     one, two, three = stack.layers
     trained = [(one, two), (one, three)]
     tested = [*itertools.permutations(stack.layers, 2), *((o, o) for o in stack.layers[:1])]
@@ -112,16 +116,19 @@ def _require_heights(stack: _Stack) -> None:
             if least < low - 0.001 * HEIGHT_MM or most > high + 0.001 * HEIGHT_MM:
                 spec = next((o for o in layers[:level] if o is not one), one)
                 found = f"with a {spec.kind}, layer {level + 1} lies {1000 * least:.0f} to {1000 * most:.0f} mm high"
-                problem = f"{found}; in training, {1000 * low:.0f} to {1000 * high:.0f} mm"
-                cure = "Choose layers whose thickness differs by at most 5 mm; a thicker one may come last"
+                problem = f"{found}, but {1000 * low:.0f} to {1000 * high:.0f} mm high in training"
+                cure = "Choose layers whose thickness differs by at most 5 mm; only the last layer may be thicker"
                 raise InvalidInputError(f"cast group 'layers': {spec.name}", problem, cure)
             if most > _TALLEST_M:
                 problem = f"a stack of {layers[0].kind} and {layers[1].kind} is {1000 * most:.0f} mm high"
-                raise InvalidInputError("cast group 'layers'", problem, "Choose layers of at most 75 mm")
+                raise InvalidInputError("cast group 'layers'", problem, "Choose layers that are at most 75 mm high")
 
 
 def _below_m(layers: Sequence[ObjectSpec]) -> tuple[float, float]:
-    """Return the smallest and the largest height of a stack above its base [m]."""
+    """Return the smallest and largest height of stacked layers above their base [m].
+
+    All variants of the layers are considered.
+    """
     heights = [footprint(spec.category).layer_m for spec in layers]
     return sum(low for low, _ in heights), sum(high for _, high in heights)
 
@@ -177,9 +184,9 @@ def _title(stack: _Stack, *things: ObjectSpec) -> str:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, stack: _Stack, starts: dict[ObjectSpec, Slot]) -> None:
-    """Add a look-alike in the slot of a requested layer.
+    """Add a variation in which a look-alike takes the slot of a requested layer.
 
-    The layer is moved to the slot of a layer that is not requested.
+    The layer itself is moved to the slot of a layer that is not requested.
     """
     one, two, three = stack.layers
     for spec, goes, base in ((two, three, "train1"), (three, two, "train2"), (one, three, "train1")):

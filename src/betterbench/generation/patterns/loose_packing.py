@@ -31,15 +31,15 @@ OPEN_TABLES = tuple(
     Table(starts, (stand,))
     for starts, stand in ((_FOUR, _ACROSS), (_FOUR, _FLOOR), (_THREE, _FLOOR), (_THREE, _ACROSS))
 )
-"""Tables for containers without a lid: that of fast_food, the same with the container position of tidy_desk, and one
-with three wider slots.
+"""Choices of slots for containers without a lid: those of the task fast_food, the same with the container position of
+the task tidy_desk, and three slots with more room.
 """
 LID_TABLES = (Table(_THREE, (_STAND,)),)
-"""Table of fruit_lunch in the suite, for containers with a raised lid. The lid points away from the arm."""
+"""Slots of the task fruit_lunch in the suite, for containers with a raised lid. The lid points away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
 
 _LID_M = 0.10
-"""Minimum height of a container above the depth of its inside that indicates a raised lid [m]."""
+"""Minimum difference between the height of a container and the depth of its inside that indicates a raised lid [m]."""
 
 _ROOM_M = 0.005
 """Clearance that the expert keeps between an item and the walls [m], see the relation ``inside``."""
@@ -55,7 +55,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.LOOSE_PACKING)
 def loose_packing(cast: Cast) -> GeneratedTask:
-    """Return a task in which the first item and then another one are packed.
+    """Return a task in which the first item and then one of the other items are packed into a container.
 
     Three or four items are required. Distractors are only used if slots are free.
 
@@ -66,8 +66,8 @@ def loose_packing(cast: Cast) -> GeneratedTask:
     (container,) = in_role("container", (cast.one("container"),))
     items = in_role("item", cast.groups.get("items", ()))
     if not 3 <= len(items) <= 4:
-        problem = f"has {len(items)} objects, three or four are needed"
-        cure = "Choose three or four, so that a known step can be combined with two others"
+        problem = f"has {len(items)} objects, but three or four are needed"
+        cure = "Choose three or four objects, so that a known step can be combined with two others"
         raise InvalidInputError("cast group 'items'", problem, cure)
     require_usable(items)
     _require_room(container, items)
@@ -84,9 +84,10 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether three items fit into the container, although demonstrations only put two items into it.
+    """Return whether three items fit into the container. Demonstrations put only two items into it.
 
-    With a lid, there is room for two. Otherwise, the items may lie side by side, or stacked below the rim.
+    A container with a lid has room for two. In other containers, the items fit if they can lie side by side, or can be
+    stacked without rising above the rim.
     """
     room = footprint(container.category).inside_m
     if room is None or _has_lid(container):
@@ -97,7 +98,7 @@ def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
 
 
 def _require_room(container: ObjectSpec, items: Sequence[ObjectSpec]) -> None:
-    """Check that two items fit into the container side by side or stacked, with their centers below the rim."""
+    """Check that two items fit into the container, side by side or stacked, with their centers below the rim."""
     room = footprint(container.category).inside_m
     if room is None:
         problem = f"a {container.kind} (category {container.category}) has no region 'inside'"
@@ -168,7 +169,10 @@ def _packed(cast: Cast, container: ObjectSpec, items: Sequence[ObjectSpec], tabl
 
 
 def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> a.Instruction:
-    """Return the instruction to pack objects one after the other. Two equal ones are packed first, as a pair."""
+    """Return the instruction to pack objects one after the other.
+
+    If the first two objects are of the same kind, they are named together as a pair.
+    """
     kinds = [thing.kind for thing in things]
     if kinds[:1] == kinds[1:2]:
         parts = [f"both {plural(kinds[0])}", *(f"the {kind}" for kind in kinds[2:])]
@@ -191,7 +195,10 @@ def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> 
 def _add_look_alikes(
     draft: Draft, cast: Cast, first: ObjectSpec, third_one: ObjectSpec, starts: dict[ObjectSpec, Slot]
 ) -> None:
-    """Add two variations with a look-alike in the first item's slot, one without the item and one with it elsewhere."""
+    """Add two variations in which a look-alike takes the slot of the first item.
+
+    In one of them, the first item is missing. In the other one, it is in another slot.
+    """
     for other in look_alikes_of(cast, first):
         before = len(draft.variations)
         alike = f"{other.kind} where the {first.kind} stood"
@@ -206,7 +213,7 @@ def _add_look_alikes(
 
 
 def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.partial[a.Instruction]) -> None:
-    """Add two equal objects to be packed. The second one is in the slot of another item."""
+    """Add a variation in which two equal objects are packed. The second object starts in the slot of another item."""
     repeated = next((o for o in items[:3] if is_countable(o.kind)), None)
     if repeated is None:
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")

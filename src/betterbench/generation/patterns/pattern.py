@@ -1,4 +1,4 @@
-"""Registry of patterns."""
+"""Registry of patterns, which derive tasks from casts (scenarios with chosen assets)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ class Unbuilt:
 
     Attributes:
         axis: Letter of the axis ("O").
-        title: Short description of the difference from training.
-        reason: Reason why it could not be derived, with a remedy.
+        title: Short description of how the variation differs from training.
+        reason: Reason why the variation could not be derived, with a remedy.
     """
 
     axis: str
@@ -27,15 +27,15 @@ class Unbuilt:
 
 @dataclass(frozen=True, slots=True)
 class GeneratedTask:
-    """Task derived from a cast by a pattern.
+    """Task that a pattern derived from a cast.
 
     Attributes:
         task: Task with training conditions and variations, without an ``id``.
         confounds: Deliberate confounds of the training conditions, one sentence each.
-        balanced: Training conditions without these confounds.
+        balanced: Additional training conditions without these confounds.
         crossed: Factors that vary independently in ``balanced``, one line each.
         unbuilt: Variations that could not be derived.
-        aside: Slots that are only used in ``balanced``, and from which nothing is picked.
+        aside: Slots from which nothing is picked and that are used only in ``balanced``.
     """
 
     task: Task
@@ -50,11 +50,11 @@ Pattern = Callable[[Cast], GeneratedTask]
 """Function that makes a task from a cast, or raises InvalidInputError if the objects do not fit."""
 
 PATTERNS: dict[str, Pattern] = {}
-"""Patterns by the name of their template."""
+"""Pattern of each template, by the name of the template."""
 
 
 def pattern(template: Template) -> Callable[[Pattern], Pattern]:
-    """Register a function as the pattern of a template."""
+    """Decorator that registers a function as the pattern of a template."""
 
     def register(make: Pattern) -> Pattern:
         PATTERNS[template.name] = make

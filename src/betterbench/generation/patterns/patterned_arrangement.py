@@ -1,4 +1,4 @@
-"""Patterned arrangement: items are put at sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
+"""Patterned arrangement: items are put at the sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _DESKS = tuple(
     )
     for x in (0.500, 0.495, 0.490, 0.485)
 )
-"""Tables of desk_meeting in the suite: six slots in front, three for each position of the anchor.
+"""Choices of slots as in the suite's task desk_meeting: six slots in front, three for each position of the anchor.
 
 The anchor has less jitter than in the suite, so that objects do not touch after an exchange. It is as far from the
 robot as the objects in front of it allow. If it were nearer, less space behind a laptop would be reachable."""
@@ -57,22 +57,22 @@ _SETTING = Table(
     ),
     besides=(a.Slot("front_left", 0.69, -0.17), a.Slot("back", 0.29, 0.24), a.Slot("back_left", 0.32, -0.15)),
 )
-"""Table of the suite's breakfast_table: two long pieces at the edges, and a compact one in front."""
+"""Slots as in the suite's task breakfast_table: two long pieces at the edges, and a compact object in front."""
 TABLES = (*_DESKS, _SETTING)
 
 _FRONT_M = 0.070
-"""Maximum radius of an object in a front slot [m]. Longer objects extend beyond the view of the front camera."""
+"""Maximum radius of an object in a front slot [m]. Larger objects extend beyond the view of the front camera."""
 _NARROW_M = 0.072
 """Maximum width of an object behind an anchor [m].
 
 There is little room for the gripper, and none for the handle of a mug.
 """
 _WIDE_M = 0.115
-"""Maximum width of an object at another side [m]."""
+"""Maximum width of an object at any other side of an anchor [m]."""
 _CUTLERY_M = 0.09
-"""Maximum radius of a piece at the edge of the table [m]."""
+"""Maximum radius of a piece of cutlery at the edge of the table [m]."""
 _TRIED_LAST = ("behind", "upper_right")
-"""Sides with little room, in the order of preference for the third item."""
+"""Sides with little room. The third item goes to the first of them that the anchor has."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_ANCHOR = "A side is relative to the anchor, not a place on the table."
@@ -85,13 +85,13 @@ Step = tuple[ObjectSpec, str]
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Items with their trained sides and their start slots.
+    """Items with their initial slots, and with the sides of the anchor at which they are put in training.
 
     Attributes:
-        anchor: Object with the sides.
+        anchor: Object at whose sides the items are put.
         steps: Three items, each with its side in training.
-        layouts: Start slots for the first and the second position of the anchor.
-        pairs: Trained pairs of steps.
+        layouts: Initial slots for the first and the second position of the anchor.
+        pairs: Pairs of steps that occur together in training.
     """
 
     anchor: ObjectSpec
@@ -106,10 +106,10 @@ class _Plan:
 
 @pattern(a.PATTERNED_ARRANGEMENT)
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
-    """Return a task in which two of three items are put at their sides of the anchor.
+    """Return a task in which two of three items are put at sides of an anchor.
 
-    Two long pieces and a compact one are put around a round anchor as in a place setting. Other items start in front of
-    the anchor. Distractors are only used around a place setting, if there is room.
+    If the anchor is round and the items are two long pieces and a compact object, they form a place setting. Otherwise,
+    the items start in front of the anchor. Distractors are used only around a place setting, if there is room.
 
     Raises:
         InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
@@ -119,8 +119,8 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
     items = in_role("item", cast.groups.get("items", ()))
     sides = _sides(anchor)
     if len(items) != 3:
-        problem = f"has {len(items)} objects, three are needed"
-        cure = "Choose three, so that known objects and sides can be combined in a new way"
+        problem = f"has {len(items)} objects, but three are needed"
+        cure = "Choose three objects, so that known objects and sides can be combined in a new way"
         raise InvalidInputError("cast group 'items'", problem, cure)
     require_usable(items)
     stated = stated_goal(cast.scenario).regions
@@ -136,9 +136,9 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
-    """Yield choices of slots for distractors around a place setting, the largest number first.
+    """Yield choices of slots for the distractors around a place setting, those with the most distractors first.
 
-    The first distractor exchanges its slot with the compact item.
+    The first distractor always takes over a slot from the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -149,7 +149,7 @@ def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, S
 
 
 def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
-    """Return two wide sides of an anchor, and the side with the least room."""
+    """Return the left and the right side of an anchor, which have much room, and the side with the least room."""
     offered = footprint(anchor.category).regions & set(SIDES)
     last = next((side for side in _TRIED_LAST if side in offered), None)
     if last is None or not {"left", "right"} <= offered:
@@ -166,7 +166,7 @@ def _is_round(anchor: ObjectSpec) -> bool:
 
 
 def _refuse_long(spec: ObjectSpec) -> None:
-    """Reject an object that would extend beyond the view."""
+    """Raise InvalidInputError because an object is so long that the camera would not see it completely."""
     size = footprint(spec.category)
     problem = f"a {spec.kind} reaches {1000 * size.radius_m:.0f} mm from its center"
     cure = "Choose objects of at most 70 mm, or two pieces of cutlery and a compact object at a plate"
@@ -174,14 +174,14 @@ def _refuse_long(spec: ObjectSpec) -> None:
 
 
 def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
-    """Reject a side in the instruction of the scenario where there is no room for the object."""
+    """Raise InvalidInputError because the scenario's instruction puts an object at a side that has no room for it."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
-    raise InvalidInputError(where, problem, "State another side, or none")
+    raise InvalidInputError(where, problem, "State another side, or do not state a side")
 
 
 def _fits(spec: ObjectSpec, side: str) -> bool:
-    """Return whether there is room for an object at a side."""
+    """Return whether there is room for an object at a side of the anchor."""
     size = footprint(spec.category)
     if side == "upper_right" and size.radius_m > _FRONT_M:
         return False
@@ -197,7 +197,7 @@ def _with_last(items: Sequence[ObjectSpec], last: ObjectSpec) -> tuple[ObjectSpe
 def _desk(
     cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str], table: Table
 ) -> GeneratedTask:
-    """Return a task whose items start in front of the anchor."""
+    """Return a task in which the items start in front of the anchor, as on a desk."""
     stated = stated_goal(cast.scenario).regions
     last = next((o for o in reversed(items) if _fits(o, sides[2]) and stated.get(o.name, sides[2]) == sides[2]), None)
     last = next((o for o in items if stated.get(o.name) == sides[2]), last)
@@ -249,9 +249,10 @@ def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
 
 
 def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
-    """Add a variation with the anchor moved, for a pair that does not begin with the object in the first slot by name.
+    """Add a variation in which the anchor is at its other position.
 
-    Otherwise, a policy that always begins at its favorite slot would succeed.
+    The instruction does not begin with the object in the alphabetically first slot, because a policy that always begins
+    at this slot would otherwise succeed.
     """
     layout = plan.layouts[0]
     favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)
@@ -267,7 +268,11 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
-    """Add a look-alike of an object in its slot, after operations that make room. Returns whether one fits."""
+    """Add a variation in which a look-alike stands where an object stood.
+
+    The operations in ``room`` make room for it first. Return whether a variation was added, which requires a look-alike
+    that fits.
+    """
     for other in look_alikes_of(draft.cast, spec):
         if draft.vary("O", [*room, a.add(other, slot)], f"{other.kind} where the {spec.kind} stood", LOOK_ALIKE, base):
             return True
@@ -302,7 +307,7 @@ def _finish(draft: Draft, plan: _Plan, balanced: Sequence[Condition]) -> Generat
 
 
 def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
-    """Yield the pairs of steps with different objects and sides, without pairs that only occur in tests."""
+    """Yield the pairs of steps that differ in object and side. Pairs that occur only in tests are left out."""
     sides = [side for _, side in plan.steps]
     trained = {frozenset(pair) for pair in plan.pairs}
     given = [o.arguments.get("instruction") for v in draft.variations for o in v.interventions]
@@ -322,7 +327,10 @@ def _goals(instruction: object) -> tuple[a.Subgoal, ...]:
 
 
 def _desk_balanced(draft: Draft, plan: _Plan) -> Iterator[Condition]:
-    """Yield each pair of steps in either order, with the objects in each slot and the anchor at either position."""
+    """Yield balanced conditions for each pair of steps, in both orders.
+
+    The objects start in different slots, and the anchor is at one position or the other.
+    """
     objects = [o for o, _ in plan.steps]
     starts, stands = draft.table.starts, draft.table.stands
     for number, pair in enumerate(_new_pairs(draft, plan)):
@@ -343,7 +351,7 @@ def _setting(
     sides: tuple[str, str, str],
     distractors: Mapping[ObjectSpec, Slot],
 ) -> GeneratedTask:
-    """Return a task with two long pieces at the edges of the table and a compact one in front."""
+    """Return a task with a place setting: two long pieces at the edges of the table, and a compact object in front."""
     table = _SETTING
     left, right = (o for o in items if footprint(o.category).radius_m > _FRONT_M)
     (compact,) = (o for o in items if o not in (left, right))
@@ -390,7 +398,10 @@ def _is_compact(spec: ObjectSpec) -> bool:
 def _setting_balanced(
     draft: Draft, plan: _Plan, spare: Sequence[ObjectSpec], others: Mapping[ObjectSpec, Slot]
 ) -> Iterator[Condition]:
-    """Yield each pair of steps in either order, with the pieces at each edge and the anchor at either position."""
+    """Yield balanced conditions for each pair of steps, in both orders.
+
+    The long pieces start at one edge of the table or the other, and the anchor is at one position or the other.
+    """
     (left, _), (right, _), (compact, _) = plan.steps
     edge_1, edge_2, front, corner_1, corner_2, front_right = draft.table.starts
     for number, pair in enumerate(_new_pairs(draft, plan)):
@@ -413,8 +424,9 @@ def _setting_balanced(
 
 
 def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
-    """Return whether the second step picks a piece next to the object that the first step placed.
+    """Return whether the object of the first step would block the piece of the second step.
 
-    The piece is at the edge where the anchor leaves little room.
+    This happens if the object is put at the given side, where the anchor leaves little room for a piece at the table
+    edge.
     """
     return steps[0][1] == side and steps[1][0] is piece

@@ -33,7 +33,7 @@ HOLES = {"hole_1": "left", "hole_2": "middle", "hole_3": "right"}
 """Words for the holes in the front camera image."""
 
 LEAST_CLEARANCE_M, MOST_CLEARANCE_M = 0.002, 0.003
-"""Allowed clearance of a jar in its hole on each side [m]. The template requires 3 mm or less."""
+"""Minimum and maximum clearance of a jar in its hole on each side [m]. The template requires 3 mm or less."""
 HELD_M = 0.015
 """Minimum height of the grasp above the top of a hole [m]. The finger pads extend 9 mm below the grasp."""
 
@@ -46,7 +46,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.PRECISION_INSERTION)
 def precision_insertion(cast: Cast) -> GeneratedTask:
-    """Make a task with three jars and a rack with three holes.
+    """Return a task with three jars and a rack with three holes.
 
     Raises:
         InvalidInputError: If an object does not fit. The message names the object.
@@ -55,7 +55,10 @@ def precision_insertion(cast: Cast) -> GeneratedTask:
 
 
 class _Insertion:
-    """Builder of a task from a cast, with its layouts and instructions."""
+    """Builds a task from a cast (a scenario with chosen assets).
+
+    The task consists of a layout, instructions, variations and balanced conditions.
+    """
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -149,9 +152,10 @@ class _Insertion:
         return in_order(found), tuple(unbuilt)
 
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
-        """Return the version of a jar that differs from the others only by its label, or None.
+        """Return the plain version of a jar, or None if it does not exist.
 
-        By convention, its category is "plain_" followed by the kind, with underscores ("plain_salt_jar").
+        Plain jars differ from each other only by their labels. By convention, the category of the plain version is
+        "plain_" followed by the kind, with underscores ("plain_salt_jar").
         """
         category = f"plain_{item.kind.replace(' ', '_')}"
         if category == item.category or category not in categories():
@@ -159,9 +163,9 @@ class _Insertion:
         return replace(item, name=f"plain_{item.name}", category=category, color=colors(category)[0])
 
     def _balanced(self) -> list[Condition]:
-        """Return balanced conditions, in three layouts, for each jar in each hole and each ordered pair in two holes.
+        """Return balanced conditions for each jar in each hole, and for each ordered pair of jars in two holes.
 
-        The instruction therefore does not determine the slots of the jars.
+        Each instruction occurs in three layouts, so that it does not determine the slots of the jars.
         """
         holes, jars = tuple(HOLES), self.items
         found = []
@@ -177,14 +181,17 @@ class _Insertion:
 
 
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
-    """Return the items in the order of their holes, beginning with those in the instruction."""
+    """Return the items in the order of their holes.
+
+    Items for which the instruction states no hole get the remaining holes.
+    """
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])
     return tuple(placed[hole] if hole in placed else next(others) for hole in HOLES)
 
 
 def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:
-    """Check that every look of an item fits every hole of every look of the rack.
+    """Check that every variant of an item fits into every hole of every variant of the rack.
 
     Raises:
         InvalidInputError: If the rack has no holes of a known width, or if the item does not fit into them with a

@@ -22,9 +22,9 @@ _RIGHT_BACK, _RIGHT_FRONT = a.Slot("right_back", 0.48, 0.19), a.Slot("right_fron
 _STAND_RIGHT = a.Slot("stand_right", 0.42, 0.17, jitter_m=0.010)
 _STAND_MIDDLE = a.Slot("stand_middle", 0.37, 0.0, jitter_m=0.010)
 TABLE = Table((_LEFT_BACK, _LEFT_FRONT, _RIGHT_BACK, _RIGHT_FRONT), (_STAND_RIGHT, _STAND_MIDDLE))
-"""Table of the suite's dinner_plates: two slots for each position of the lowest plate.
+"""Slots as in the suite's task dinner_plates: two slots for each position of the lowest plate.
 
-The front slots are 2 cm farther from the robot, so that plates of any size do not touch."""
+The front slots are 2 cm farther from the robot than in the suite, so that plates of any size do not touch."""
 
 BY_KIND = "Plates are found by what they are, not by where they stood in training."
 BY_TARGET = "A plate is put where the lowest one stands, not where it stood."
@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """Lowest plate, and the two plates that are stacked on it."""
+    """Plates of a stack: the lowest plate, and the two plates that are stacked on it."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -44,7 +44,7 @@ class _Plates:
     words: dict[str, str]
 
     def onto(self, *steps: tuple[ObjectSpec, ObjectSpec]) -> a.Instruction:
-        """Return the instruction to put plates on plates, from bottom to top."""
+        """Return the instruction to put plates on other plates, from bottom to top."""
         parts = [f"the {upper.kind} on the {lower.kind}" for upper, lower in steps]
         goals = (a.subgoal(f"{u.name}_on_{lo.name}", a.ON_PLATE, u, lo, word=self.words[u.kind]) for u, lo in steps)
         return a.ordered(f"Put {', then '.join(parts)}.", *goals)
@@ -52,19 +52,20 @@ class _Plates:
 
 @pattern(a.RECURSIVE_STACKING)
 def recursive_stacking(cast: Cast) -> GeneratedTask:
-    """Return a task in which each of two plates is put on the widest one, or the second on the first.
+    """Return a task with three plates.
 
-    If the instruction of the scenario puts one plate on another, training does so too. The plate with a look-alike is
+    Either one of two plates is put on the widest plate, or one of the two on the other. If the instruction of the
+    scenario puts one plate on another, training does so too. If only one of the two plates has a look-alike, it becomes
     the middle plate of the complete stack. Distractors are not used, because the plates fill the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit
-            on another.
+            on another plate.
     """
     plates = in_role("item", cast.groups.get("plates", ()))
     if len(plates) != 3:
-        problem = f"has {len(plates)} objects, three are needed"
-        raise InvalidInputError("cast group 'plates'", problem, "Choose three, so that a stack can grow")
+        problem = f"has {len(plates)} objects, but three are needed"
+        raise InvalidInputError("cast group 'plates'", problem, "Choose three plates, so that a stack can grow")
     require_usable(plates)
     onto = stated_goal(cast.scenario).onto
     carried = {upper for upper, _ in onto}
@@ -80,14 +81,17 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
 
 
 def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
-    """Check that a plate can stand on another."""
+    """Check that a plate can stand on another plate."""
     for spec in (upper, lower):
         if not {"base", "floor"} <= footprint(spec.category).regions:
             problem = f"a {spec.kind} (category {spec.category}) is not a plate: it lacks the region 'base' or 'floor'"
-            raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates of the library")
+            raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates from the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:
-        problem = f"a {upper.kind} is {2000 * over.radius_m:.0f} mm wide, the {lower.kind} {2000 * under.radius_m:.0f}"
+        problem = (
+            f"a {upper.kind} is {2000 * over.radius_m:.0f} mm wide, but the {lower.kind} below it is only "
+            f"{2000 * under.radius_m:.0f} mm wide"
+        )
         raise InvalidInputError(f"cast group 'plates': {upper.name}", problem, "Choose a smaller upper plate")
 
 
@@ -137,7 +141,10 @@ def _stacked(cast: Cast, plates: _Plates) -> GeneratedTask:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[ObjectSpec, Slot]) -> None:
-    """Add a look-alike in the slot of the middle plate. The middle plate moves to the slot of the top plate."""
+    """Add a variation in which a look-alike takes the slot of the middle plate.
+
+    The middle plate itself moves to the slot of the top plate.
+    """
     for other in look_alikes_of(cast, plates.middle):
         moves = [a.move(plates.top, _RIGHT_FRONT), a.move(plates.middle, near[plates.top])]
         kind = plates.middle.kind
@@ -150,10 +157,10 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 
 
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
-    """Yield conditions for each instruction with its plate in each slot, for both positions of the lowest plate.
+    """Yield balanced conditions for each instruction, with the plates in different slots.
 
-    With the lowest plate in the right position, only the left slots are used, because there is no room for other plates
-    on the right.
+    The lowest plate is at one position or the other. If it is on the right, only the left slots are used, because the
+    right side then has no room for other plates.
     """
     base, middle, top = plates.base, plates.middle, plates.top
     on_base = {o: plates.onto((o, base)) for o in (middle, top)}

@@ -1,4 +1,4 @@
-"""Roles of the objects of a cast, and the look-alikes of these objects."""
+"""Roles of the objects in a cast (a scenario with chosen assets), and the look-alikes of these objects."""
 
 from __future__ import annotations
 
@@ -17,44 +17,47 @@ BYSTANDER_M = 0.10
 _LONGEST_M = 0.14
 """Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category with the most colors. Its objects resemble other objects only by color."""
+"""Category of the substitute for a missing look-alike. It has the most colors, and resembles items only by color."""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
-    """Return the objects of a group with their role.
+    """Return the objects of a cast group, with the given role assigned to them.
 
     Raises:
-        InvalidInputError: If the group has another number of objects than allowed.
+        InvalidInputError: If the number of objects in the group is not allowed.
     """
     objects = cast.groups.get(group_id, ())
     if not at_least <= len(objects) <= at_most:
         expected = f"{at_least}" if at_least == at_most else f"{at_least} to {at_most}"
         where, names = f"cast group {group_id!r}", ", ".join(o.name for o in objects) or "none"
-        raise InvalidInputError(where, f"has {len(objects)} objects ({names})", f"This pattern needs {expected}")
+        raise InvalidInputError(
+            where, f"has {len(objects)} objects ({names})", f"This pattern needs {expected} objects in the group"
+        )
     return tuple(replace(spec, role=role) for spec in objects)
 
 
 def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:
-    """Return objects with a role."""
+    """Return copies of objects to which the given role is assigned."""
     return tuple(replace(spec, role=role) for spec in objects)
 
 
 def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
-    """Return a second instance of an object, with an unused name."""
+    """Return a second instance of an object, with a name that the cast does not use yet."""
     taken = {o.name for objects in (*cast.groups.values(), *cast.look_alikes.values()) for o in objects}
     return replace(spec, name=next(n for i in itertools.count(2) if (n := f"{spec.name}_{i}") not in taken))
 
 
 def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """Return the look-alikes of an object as distractors, most similar first."""
+    """Return the look-alikes of an object, most similar first. They have the role of distractors."""
     return in_role("distractor", cast.look_alikes.get(spec.name, ()))
 
 
 def standing_look_alikes(cast: Cast, items: tuple[ObjectSpec, ...]) -> Mapping[str, ObjectSpec]:
-    """Return a distractor that looks like each item, by the item's name.
+    """For each item, return a distractor that looks like it, by the name of the item.
 
-    It is the first look-alike in the cast that is narrow enough for a slot. If there is none, it is a toy block of the
-    item's color, unless the cast contains a block. Items without either are left out.
+    This is the first look-alike in the cast (the scenario with its chosen assets) that is narrow enough for a slot. If
+    there is none, it is a toy block of the item's color, unless the cast already contains a block. Items for which
+    neither exists are left out.
     """
     found: dict[str, ObjectSpec] = {}
     taken = {spec.name for specs in cast.groups.values() for spec in specs}

@@ -1,8 +1,8 @@
-"""Goal stated in an instruction, and the parts that the pattern of the template does not support.
+"""Goal stated in an instruction, and the parts of this goal that tasks of the template cannot have.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
 :func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, from which the patterns take
-sides, drawers, holes and plates. For each unsupported part, a problem with its words is reported. Every accepted
+sides, drawers, holes and plates. Each unsupported part is reported as a problem together with its words. Every accepted
 instruction therefore states exactly the goal of the task.
 
 - ``relations``: the vocabulary.
@@ -41,10 +41,11 @@ _CAN = {
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Parts of a stated goal that the patterns support.
+    """Parts of the goal that an instruction states and that tasks of the template can have.
 
     Attributes:
-        regions: Side, drawer ("upper") or hole ("hole_1"), by ``instance_name`` of an item.
+        regions: Side, drawer ("upper") or hole ("hole_1") to which each item goes, by the ``instance_name`` of the
+            item.
         onto: Pairs of an upper and a lower plate, by ``instance_name``.
         problems: Words of unsupported parts, with the reason.
     """
@@ -55,17 +56,17 @@ class StatedGoal:
 
     @property
     def placed(self) -> frozenset[str]:
-        """Names of the objects with a stated target region."""
+        """Names of the objects for which the instruction states a target region."""
         return frozenset(self.regions) | frozenset(name for pair in self.onto for name in pair)
 
     @property
     def is_specific(self) -> bool:
-        """Whether the instruction states more than the relation of the template."""
+        """Whether the instruction states a side, drawer, hole or plate, which the template's relation leaves open."""
         return bool(self.regions or self.onto)
 
 
 def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each unsupported part of the goal in an instruction."""
+    """Yield a problem and a remedy for each part of the stated goal that tasks of the template cannot have."""
     for word, reason in stated_goal(scenario).problems:
         can = _CAN.get(template.name, template.description)
         cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"
@@ -83,7 +84,7 @@ def stated_goal(scenario: Scenario) -> StatedGoal:
 
 
 def example_about(scenario: Scenario) -> str:
-    """Return an instruction for the objects of a scenario that the pattern supports."""
+    """Return an example of a supported instruction, about the objects of a scenario."""
     template = TEMPLATES[scenario.template]
     roles = {group.group_id: group.role for group in template.groups}
     nouns = {

@@ -1,4 +1,4 @@
-"""Detection of negations, choices, orders, poses and numbers in instructions."""
+"""Detection of words in instructions that goals cannot express: negations, choices, orders, poses and numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.generation.vocabulary import COLLECTIVES
 
 _LOADS = frozenset({"in", "into", "inside"})
 _MAY_CHAIN = ("loose_packing", "logical_assembly")
-"""Templates in which the order of the named objects matters. Their training conditions vary two objects."""
+"""Templates in which the order of the named objects matters. Their training conditions contain two steps."""
 
 
 _NEVER = (
@@ -36,7 +36,10 @@ _UNLESS_DESCRIBED = (
 
 
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words that state a negation, choice, order, pose or number without objects, with the reason."""
+    """Yield the words whose meaning the goal of a task cannot express, each with the reason.
+
+    Such words state a negation, a choice, an order, a pose, or a number that does not count objects.
+    """
     described = frozenset().union(*map(words_of_object, r.objects.values()))
     items = [m for m in r.mentions.values() if r.is_item(m)]
     for i, word in enumerate(r.tokens):
@@ -55,7 +58,10 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
 
 
 def _closing(r: Reader, at: int) -> str:
-    """Return a reason if a word asks to close an object other than a drawer, or a drawer into which nothing is put."""
+    """Return the reason why a request to close something is rejected, or an empty text.
+
+    Only drawers can be closed, and only after something is put into them.
+    """
     if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
         return ""
     if r.scenario.template != "container_loading":
@@ -64,7 +70,10 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _returning(r: Reader, at: int) -> str:
-    """Return a reason if an object is to be put "back" or "away" without a target."""
+    """Return the reason why a request to put an object "back" or "away" is rejected, or an empty text.
+
+    A request is rejected if it names no target.
+    """
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
         return ""
     is_last = not r.tokens[at + 1 :] or r.tokens[at + 1] in (",", ".", "and")
@@ -72,7 +81,10 @@ def _returning(r: Reader, at: int) -> str:
 
 
 def _result(r: Reader, at: int) -> str:
-    """Return a reason if the layers do not make the named result, or only one instead of several."""
+    """Return the reason why the named result of an assembly is rejected, or an empty text.
+
+    It is rejected if the layers do not make this result, or if several results are requested.
+    """
     if r.scenario.template != "logical_assembly" or r.tokens[at] not in RESULTS:
         return ""
     if number_before(r.raw, at) or r.raw[at] != r.tokens[at]:
@@ -82,7 +94,10 @@ def _result(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return a reason if a word is a number that is too large for a scene, or a number without objects."""
+    """Return the reason why a number is rejected, or an empty text.
+
+    A number is rejected if it is too large for a scene, or does not refer to objects.
+    """
     raw = r.raw[at]
     if raw in NUMBERS:
         return "" if _counts_a_noun(r, at) else "it does not refer to objects of the goal"
@@ -98,7 +113,10 @@ def _counts_a_noun(r: Reader, at: int) -> bool:
 
 
 def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
-    """Return whether the pattern supports the order of the first two objects, or that of closing a drawer."""
+    """Return whether a stated order is supported.
+
+    Supported orders concern the first two objects, or the closing of a drawer after loading it.
+    """
     word = r.tokens[at]
     if r.scenario.template == "container_loading":
         return word == "then" and bool({"close", "shut"} & set(r.tokens[at + 1 : at + 3]))
@@ -110,7 +128,7 @@ def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
 
 
 def number_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the stated numbers that differ from the numbers of objects in the scenario."""
+    """Yield each stated number that differs from the number of objects in the scenario, together with the reason."""
     for mention in r.mentions.values():
         items = [n for n in mention.objects if r.role_of[n] in ("item", "drawer")]
         noun = r.raw[mention.end - 1]

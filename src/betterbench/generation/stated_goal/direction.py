@@ -1,4 +1,4 @@
-"""Direction of cutlery in an instruction. It is the only direction that a goal can contain."""
+"""Direction of cutlery in an instruction. It is the only direction that an instruction may state."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ _CLAUSE = re.compile(
 def without_direction(text: str) -> str:
     """Remove clauses about cutlery such as "with its handle to the front" from an instruction.
 
-    All cutlery points in this direction next to a plate, so the clause adds nothing to the goal. Clauses about other
+    All cutlery next to a plate points in this direction, so the clause adds nothing to the goal. Clauses about other
     objects or other directions are not removed.
     """
     return _CLAUSE.sub(lambda found: "" if _is_of_cutlery(found) else found[0], text)
 
 
 def read_text(scenario: Scenario) -> str:
-    """Return the part of a scenario's instruction that is parsed word by word."""
+    """Return the part of a scenario's instruction that is parsed word by word.
+
+    Clauses about the direction of cutlery are removed from instructions for place settings and similar arrangements.
+    """
     text = scenario.instruction
     return without_direction(text) if scenario.template == ARRANGED else text
 

@@ -1,4 +1,4 @@
-"""Relations that the pattern of each template supports, and reasons for rejecting others."""
+"""Relations in instructions that tasks of each template support, and the reasons for rejecting other relations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from betterbench.generation.stated_goal.relations import HOLES, RING, SIDES
 
 
 def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
-    """Return the single item that a relation is about, or the reason why there is none."""
+    """Return the single item that a relation in an instruction is about.
+
+    Returns:
+        The name of the item and an empty text; or an empty name and the reason why there is no single item.
+    """
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:
         count = "no" if not named else "more than one"
@@ -20,7 +24,7 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _enter(r: Reader, said: Said, region: str, regions: dict[str, str]) -> Iterator[str]:
-    """Record the target region of an item, or yield the reason why it is impossible."""
+    """Record the target region of an item. If this is impossible, yield the reason."""
     name, reason = _item(r, said, regions)
     if reason or not name:
         yield reason or "it does not refer to an item"
@@ -66,7 +70,7 @@ def _packed(r: Reader, said: Said, _regions: object, _onto: object) -> Iterator[
 
 
 def _goes_on(r: Reader, said: Said) -> bool:
-    """Return whether a relation of the template follows: "the apple on the table into the lunchbox"."""
+    """Return whether the template's relation comes later, as in "the apple on the table into the lunchbox"."""
     words = said.words.split()[0]
     after = r.raw[r.raw.index(words) + 1 :]
     return bool({"into", "in", "inside"} & set(after))
@@ -160,7 +164,10 @@ _RULES = {
 
 
 def read_goal(r: Reader) -> tuple[dict[str, str], tuple[tuple[str, str], ...], list[tuple[str, str]]]:
-    """Return the target regions of items, the pairs of plates, and the unsupported relations with the reason."""
+    """Return the stated goal: the target regions of items, and the pairs of plates.
+
+    Also return the unsupported relations, each with the reason.
+    """
     regions: dict[str, str] = {}
     onto: list[tuple[str, str]] = []
     problems: list[tuple[str, str]] = []

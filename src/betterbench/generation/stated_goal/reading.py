@@ -1,4 +1,4 @@
-"""Parser of instructions: objects that the nouns refer to, and relations between them."""
+"""Parser of instructions. It finds the objects to which the nouns refer, and the relations between them."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 
 @dataclass(frozen=True, slots=True)
 class Mention:
-    """Noun in an instruction.
+    """Noun in an instruction that may refer to objects.
 
     Attributes:
-        at: Index of its first token.
-        end: Index after its last token.
-        objects: Names of the objects that the noun may refer to.
-        number: Stated number of objects, 2 for a plural without a number, otherwise 0.
+        at: Index of the noun's first token.
+        end: Index after the noun's last token.
+        objects: Names of the objects to which the noun may refer.
+        number: Stated number of objects; 2 for a plural without a number; 0 for a singular without a number.
     """
 
     at: int
@@ -56,15 +56,15 @@ class Mention:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """Relation stated in an instruction.
+    """Relation that an instruction states.
 
     Attributes:
         words: Words of the relation ("to the left of").
         meaning: Meaning of the relation ("left").
-        subjects: Preceding nouns without a relation.
-        target: Noun after the relation; None for a place or without a target.
+        subjects: Nouns before the relation that do not belong to an earlier relation.
+        target: Noun after the relation, or None if a place or nothing follows.
         place: Place after the relation ("table", "ring"), or "it" for a pronoun; empty if there is none.
-        position: Word before "hole" ("left"), or a part of the target ("ring").
+        position: Word that tells which hole is meant ("left"), or a part of the target ("ring").
     """
 
     words: str
@@ -76,14 +76,14 @@ class Said:
 
 
 class Reader:
-    """Parsed words of an instruction, with the objects they refer to.
+    """Parsed words of an instruction, with the objects to which they refer.
 
     Attributes:
-        objects: Objects of the scenario by name, and ``role_of`` their roles.
-        surfaces: Surfaces on which all objects stand.
-        raw: Words in lower case; ``tokens`` are the words in the singular.
-        mentions: Nouns by the index of their first token; ``taken`` are the indices of all their tokens.
-        positions: Indices of words such as "left" without a relation, set by :meth:`relations`.
+        objects: Objects of the scenario by name. ``role_of`` has the role of each object.
+        surfaces: Words for the surface on which all objects stand, such as the table.
+        raw: Words in lower case. ``tokens`` are the same words in the singular.
+        mentions: Nouns by the index of their first token. ``taken`` has the indices of all tokens of nouns.
+        positions: Indices of words such as "left" that belong to no relation, set by :meth:`relations`.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -116,16 +116,17 @@ class Reader:
                 yield Mention(at, end, self._meant(at, noun), number)
 
     def _number(self, at: int, end: int) -> int:
-        """Return the stated number of objects, 2 for a plural without a number, or 0 if no number is stated."""
+        """Return the stated number of objects; 2 for a plural without a number; 0 if no number is stated."""
         said = number_before(self.raw, at)
         if said:
             return NUMBERS[said]
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the objects that a noun may refer to.
+        """Return the names of the objects that a noun may mean.
 
-        They have this name or, if none has it, are described with it.
+        Objects with this name come first. Only if there are none, objects whose description contains the noun are
+        returned.
         """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
@@ -146,20 +147,20 @@ class Reader:
         return tuple(found)
 
     def _members(self, noun: str) -> list[str]:
-        """Return the items that a collective noun refers to, such as the jars for "spices"."""
+        """Return the items to which a collective noun refers, such as the jars for "spices"."""
         members = collective(noun)
         items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
 
     def _of_type(self, noun: tuple[str, ...]) -> list[str]:
-        """Return the container, fixture or drawers of the type that a noun names (a waste bin for "trash can")."""
+        """Return the container, fixture or drawers that a noun names by their type ("trash can" for a waste bin)."""
         groups = TEMPLATES[self.scenario.template].groups
         receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
         named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
         return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
 
     def relations(self) -> Iterator[Said]:
-        """Yield the relations, each with the preceding nouns that have no relation."""
+        """Yield the relations in the instruction, each with the preceding nouns that belong to no earlier relation."""
         pending: list[Mention] = []
         at = 0
         while at < len(self.tokens):
@@ -195,7 +196,10 @@ class Reader:
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
 
     def _side_at(self, at: int) -> tuple[str, int] | None:
-        """Return the side in "next to the plate on the left" with the index after it, or None."""
+        """Return the side stated at a position, as in "next to the plate on the left", and the index after it.
+
+        Return None if no side is stated there.
+        """
         length = self._relation_length(at)
         meaning = RELATIONS[tuple(self.tokens[at : at + length])] if length else ""
         if meaning not in SIDES or self._target(at + length)[:2] != (None, ""):
@@ -203,12 +207,16 @@ class Reader:
         return meaning, at + length
 
     def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
-        """Return whether the words of a relation are an idiom ("to go", "in one pile")."""
+        """Return whether the words of a relation are part of an idiom ("to go", "in one pile")."""
         following = self.tokens[at + 1] if at + 1 < len(self.tokens) else ""
         return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
 
     def _target(self, at: int) -> tuple[Mention | None, str, str, int]:
-        """Return the target after a relation: its object, place and position before "hole", and the index after it."""
+        """Return the target that follows a relation.
+
+        Returns:
+            The noun, the place, the position word before "hole", and the index of the token after the target.
+        """
         position = place = ""
         i = at
         while i < len(self.tokens):
@@ -243,11 +251,11 @@ class Reader:
         return any(self.role_of[name] in ("item", "distractor") for name in mention.objects)
 
     def is_on_surface(self, said: Said) -> bool:
-        """Return whether a relation only states that an object is on the table."""
+        """Return whether a relation only states that an object is on the table or a similar surface."""
         return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
 
     def receiver(self, said: Said) -> bool:
-        """Return whether the target is a container, a fixture or a drawer, or a pronoun for one."""
+        """Return whether the target of a relation is a container, a fixture or a drawer, or a pronoun for one."""
         if said.target is not None:
             return any(self.role_of[n] in ("container", "fixture", "drawer") for n in said.target.objects)
         return said.place == "it" and any(
@@ -255,12 +263,15 @@ class Reader:
         )
 
     def moved(self, said: Said) -> str:
-        """Return a reason if a relation would move an object that is not an item."""
+        """Return the reason why a relation is rejected, or an empty text.
+
+        A relation is rejected if it moves an object that is not an item.
+        """
         wrong = [m for m in said.subjects if m.objects and not self.is_item(m)]
         return f"the {self.raw[wrong[0].end - 1]} is not moved" if wrong else ""
 
     def sides(self) -> tuple[str, ...]:
-        """Return the sides of the anchor, or all sides if its category is not known yet."""
+        """Return the sides that the anchor has. If its category is not known yet, return all sides."""
         (anchor,) = self.scenario.groups["anchor"] or (None,)
         category = "_".join(anchor.tags[0].split()) if anchor is not None and anchor.tags else ""
         offered = footprint(category).regions if category in categories() else frozenset(SIDES)

@@ -31,7 +31,7 @@ _PHRASES = {
     "far from, parallel to, perpendicular to, in line with, aligned with, instead of",
 }
 RELATIONS = {tuple(phrase.split()): meaning for meaning, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
-"""Phrases for relations by meaning, in the singular as returned by :func:`sentence_tokens`."""
+"""Meaning of each phrase that states a relation. The words are singular, as returned by :func:`sentence_tokens`."""
 LONGEST_RELATION = max(map(len, RELATIONS))
 
 SIDES = ("left", "right", "behind", "upper_right")
@@ -48,7 +48,7 @@ _POSITIONS_WORDS = """
 left right middle center top bottom front corner upper lower leftmost rightmost side edge end
 """
 POSITIONS = frozenset(_POSITIONS_WORDS.split())
-"""Adjectives and nouns for places, which are ignored unless they belong to a relation, a hole or a drawer."""
+"""Adjectives and nouns for positions. They are ignored unless they belong to a relation, a hole or a drawer."""
 
 _NEGATIONS_WORDS = """
 without not no none never except excluding but nothing neither nor don dont avoid instead skip unless

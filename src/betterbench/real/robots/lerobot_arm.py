@@ -1,7 +1,7 @@
-"""SO-101 driver based on LeRobot's ``so101_follower`` class, with its motors, calibration and cameras.
+"""Driver of the SO-101 based on LeRobot's ``so101_follower`` class, with its motors, calibration and cameras.
 
-LeRobot is optional and imported when an arm is connected. Each camera is read by its own thread, so that the control
-loop never waits for a camera and knows when its newest frame arrived.
+LeRobot is an optional package, which is imported when an arm is connected. Each camera is read by its own thread, so
+that the control loop never waits for a camera and knows when the newest frame arrived.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ FIRST_FRAME_S = 5.0
 _ARM = ArmKind("robots", KIND, "so_follower")
 _CURE = (
     "Check power and plugs, and --arm-port (lerobot-find-port) and --cameras (lerobot-find-cameras). A motor that "
-    "reports an overload counts as missing: switch its power off and on"
+    "reports an overload is treated as missing: switch its power off and on"
 )
 _LOAD_SIGN, _LOAD_MOST = 1024, 1000
-"""Sign bit and maximum of ``Present_Load`` (STS3215: tenths of a percent of the stall torque)."""
+"""Sign bit and maximum value of the register ``Present_Load``. Its unit is 0.1 % of the servo's stall torque."""
 
 
 class LeRobotArm:
-    """SO-101 on a serial port; implements :class:`~betterbench.real.robots.robot.Robot`."""
+    """SO-101 arm on a serial port. It implements :class:`~betterbench.real.robots.robot.Robot`."""
 
     name = KIND
 
@@ -61,20 +61,20 @@ class LeRobotArm:
         Args:
             port: Serial port ("/dev/ttyACM0").
             arm_id: Id under which LeRobot stores the calibration.
-            unit: Unit of states and commands.
+            unit: Unit of joint positions in states and commands.
             cameras: Index or path of each camera by name, starting with the front camera.
-            size: Width and height of the images [pixel].
-            rate_hz: Rate of the cameras [Hz].
+            size: Width and height of the images [pixels].
+            rate_hz: Frame rate of the cameras [Hz].
 
         Raises:
-            InvalidInputError: If there is no port or camera.
+            InvalidInputError: If no port or no camera is given.
         """
         if not port:
             raise InvalidInputError(
                 "--arm-port", "the serial port of the arm is missing", "Give a port, such as /dev/ttyACM0"
             )
         if not cameras:
-            raise InvalidInputError("--cameras", "no camera is given", "Give at least front=0")
+            raise InvalidInputError("--cameras", "no camera is given", "Give at least a front camera, such as front=0")
         self.cameras = tuple(cameras)
         self._port, self._id, self._unit = port, arm_id, unit
         self._sources, self._size, self._rate_hz = dict(cameras), size, rate_hz
@@ -109,7 +109,7 @@ class LeRobotArm:
             if time.monotonic() > until:
                 missing = ", ".join(name for name in self.cameras if name not in self._frames)
                 self.disconnect()
-                raise RobotError(f"Camera {missing} sends no frames. Check its plug, and --cameras.")
+                raise RobotError(f"Camera {missing} sends no frames. Check its plug and the option --cameras.")
             time.sleep(0.02)
 
     def _made(self) -> Any:  # noqa: ANN401 - lerobot's Robot
@@ -131,14 +131,14 @@ class LeRobotArm:
             raise RobotError(str(problem)) from problem
 
     def now(self) -> float:
-        """Return the time [s]."""
+        """Return the time of the monotonic clock [s]."""
         return time.monotonic()
 
     def set_up(self, trial: PlannedTrial) -> None:
-        """Do nothing: a person sets up the scene."""
+        """Do nothing, because a person sets up the real scene."""
 
     def read(self) -> Reading:
-        """Read positions, loads and the newest frames. Raises RobotError."""
+        """Read positions, loads and the newest frames. Raise RobotError if the motors do not answer."""
         bus = self._connected.bus
         try:
             positions = read_motors(bus, "Present_Position")
@@ -150,7 +150,7 @@ class LeRobotArm:
         return Reading(self.now(), state, load, dict(self._frames))
 
     def command(self, positions: np.ndarray) -> None:
-        """Send targets to the motors. Raises RobotError."""
+        """Send target positions to the motors. Raise RobotError if the motors do not answer."""
         bus = self._connected.bus
         goals = {motor: float(value) for motor, value in zip(SO101_MOTORS, positions, strict=True)}
         try:
@@ -161,7 +161,10 @@ class LeRobotArm:
             raise self._silent(problem) from problem
 
     def release(self) -> None:
-        """Switch off the torque of all motors; the arm sinks. Raises RobotError after trying all motors."""
+        """Switch off the torque of all motors, so that the arm sinks.
+
+        All motors are tried before RobotError is raised for a motor that did not answer.
+        """
         bus = self._connected.bus
         problems: list[Exception] = []
         for motor in SO101_MOTORS:
@@ -174,7 +177,7 @@ class LeRobotArm:
             raise self._silent(problems[0]) from problems[0]
 
     def disconnect(self) -> None:
-        """Close the connection; the motors keep holding their position."""
+        """Close the connection. The motors keep holding their position."""
         self._is_over.set()
         for thread in self._threads:
             thread.join(timeout=1.0)
@@ -194,7 +197,10 @@ class LeRobotArm:
         return RobotError(f"The motors do not answer ({told}). Check the USB cable, the power and the wires.")
 
     def _watch(self, name: str, camera: Any) -> None:  # noqa: ANN401 - lerobot's Camera
-        """Store the newest frame of a camera; if the camera fails, its last frame stays and grows old."""
+        """Store the newest frame of a camera.
+
+        If the camera fails, its last frame is kept. The control loop then finds that this frame is too old.
+        """
         while not self._is_over.is_set():
             try:
                 image = np.asarray(camera.async_read(timeout_ms=500))
@@ -205,5 +211,8 @@ class LeRobotArm:
 
 
 def _signed(load: int) -> int:
-    """Return a signed load. Newer versions of LeRobot decode the sign, but older ones return the raw sign bit."""
+    """Return a signed load.
+
+    Newer versions of LeRobot decode the sign of a load, whereas older versions return a raw value with a sign bit.
+    """
     return load if abs(load) < _LOAD_SIGN else _LOAD_SIGN - load

@@ -1,8 +1,8 @@
-"""Mock SO-101 in this process: the twin's physics and images in real time, with optional faults.
+"""Mock SO-101 that runs in this process: a simulated arm with camera images in real time and optional faults.
 
-A trial uses the twin's scene: images show its objects, the arm can grasp and lift them, and the servos have the twin's
-gains and torque limits. Faults: a slow camera, dropped frames, an unplugged camera, a servo that stalls, and a
-calibration that drifts.
+A trial uses the simulated scene: the images show its objects, the arm can grasp and lift them, and the servos have the
+gains and torque limits of the simulated arm. Possible faults are a slow camera, dropped frames, an unplugged camera, a
+servo that stalls, and a calibration that drifts.
 """
 
 from __future__ import annotations
@@ -29,24 +29,27 @@ from betterbench.tasks import Task
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 MOST_STEPS = 5
-"""Maximum number of control steps simulated per reading; on a slow machine, the arm then runs slower than real time."""
+"""Maximum number of control steps simulated per reading. Because of it, the arm is slower than real time on a slow
+machine.
+"""
 
 
 @strict_form
 @dataclasses.dataclass(frozen=True, slots=True)
 class MockFaults:
-    """Simulated hardware faults.
+    """Simulated hardware faults of the mock arm.
 
     Attributes:
         latency_s: Age of every frame when it arrives [s].
-        drop_every: Every n-th frame is replaced by the previous one; 0 for none.
-        unplugged: Camera that is unplugged after ``after_s``, or an empty string.
-        stalled: Motor that stalls after ``after_s``, or an empty string.
-        after_s: Time after the first command at which these two faults begin [s].
+        drop_every: Number n such that every n-th frame is replaced by the previous frame; 0 to drop no frames.
+        unplugged: Name of the camera that is unplugged after ``after_s``; empty for no camera.
+        stalled: Name of the motor that stalls after ``after_s``; empty for no motor.
+        after_s: Time after the first command at which the faults unplugged, stalled and broken begin [s].
         drift: Rate at which the error of all reported arm positions grows [rad/s], as if the calibration drifted.
-        moved: Offset (x, y) of objects from their planned positions by name [m], as if the operator had misplaced them.
-        light: Brightness factor.
-        tint: Factors for red, green and blue.
+        moved: Offset (x, y) of objects from their planned positions [m], by object name, as if the operator had
+            misplaced them.
+        light: Factor for the brightness of the images.
+        tint: Factors for the red, green and blue channels of the images.
         broken: Whether the motor bus stops answering after ``after_s``.
     """
 
@@ -62,7 +65,7 @@ class MockFaults:
     broken: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an unknown motor."""
+        """Raise InvalidInputError if the stalled motor does not exist."""
         if self.stalled and self.stalled not in SO101_MOTORS:
             raise InvalidInputError(
                 "mock: stalled", f"{self.stalled!r} is not a motor", f"Use one of {', '.join(SO101_MOTORS)}"
@@ -70,7 +73,10 @@ class MockFaults:
 
 
 class MockRobot:
-    """A simulated SO-101 that behaves like the real one; implements :class:`~betterbench.real.robots.robot.Robot`."""
+    """Simulated SO-101 that is used in place of the real arm.
+
+    It implements :class:`~betterbench.real.robots.robot.Robot`.
+    """
 
     name = "mock"
 
@@ -87,12 +93,12 @@ class MockRobot:
         """Store the settings; :meth:`set_up` builds the scene.
 
         Args:
-            plan: Plan with the unit and the control rate.
+            plan: Plan with the unit of joint positions and the control rate.
             faults: Simulated faults; by default none.
             cameras: Camera names, starting with the front camera.
-            size: Width and height of the images [pixel].
-            quality: Preset of the renderer.
-            log: File to which each command is appended immediately, for tests; None for no file.
+            size: Width and height of the images [pixels].
+            quality: Render preset of the images.
+            log: File to which each command is appended immediately, for tests. If it is None, no file is written.
         """
         self.cameras = cameras
         self.faults = faults or MockFaults()
@@ -112,14 +118,14 @@ class MockRobot:
         self._waiting: deque[tuple[float, dict[str, np.ndarray]]] = deque()
 
     def connect(self) -> None:
-        """Do nothing."""
+        """Do nothing, because there is no device to connect."""
 
     def now(self) -> float:
-        """Return the time [s]."""
+        """Return the time of the monotonic clock [s]."""
         return time.monotonic()
 
     def set_up(self, trial: PlannedTrial) -> None:
-        """Build the scene of a trial, with the arm at its start."""
+        """Build the scene of a trial, with the arm in its initial pose."""
         setting = resolve_condition(self._plan.task, trial.condition)
         self._scene = Scene(
             moved_slots(setting.task, setting.condition.layout, self.faults.moved),
@@ -138,13 +144,13 @@ class MockRobot:
 
     @property
     def scene(self) -> Scene:
-        """The scene; raises RobotError before :meth:`set_up`."""
+        """Scene of the current trial. Raise RobotError if :meth:`set_up` has not been called."""
         if self._scene is None:
             raise RobotError("The mock has no scene. Call set_up with a trial.")
         return self._scene
 
     def read(self) -> Reading:
-        """Advance the simulation to the current time, and return the state."""
+        """Advance the simulation to the current time, and return the state of the arm."""
         now, scene = self.now(), self.scene
         faulty = self._is_moving and now - self._first_s >= self.faults.after_s
         if self.faults.broken and faulty:
@@ -165,7 +171,7 @@ class MockRobot:
         return Reading(now, state, load, dict(self._shown))
 
     def command(self, positions: np.ndarray) -> None:
-        """Set the targets of the servos."""
+        """Set the target positions of the servos."""
         if not self._is_moving:
             self._is_moving, self._first_s = True, self.now()
         self._target = np.array(positions, dtype=float)
@@ -175,7 +181,7 @@ class MockRobot:
                 file.write(" ".join(f"{v:.6f}" for v in self._target) + "\n")
 
     def release(self) -> None:
-        """Hold the current position, because the simulated servos cannot be switched off."""
+        """Hold the current position. The simulated servos cannot be switched off."""
         self._target = self._positions()
 
     def disconnect(self) -> None:
@@ -198,14 +204,20 @@ class MockRobot:
         return targets
 
     def _load(self, state: np.ndarray) -> np.ndarray:
-        """Return the load of each servo, computed from its lag. The torque is the twin's gain times the lag."""
+        """Return the load of each servo.
+
+        It is computed from how far the servo lags behind its target, since the torque is the lag times the gain.
+        """
         if self._target is None:
             return np.zeros(6)
         lag = (self._target - state) * np.array([*self._plan.action_space.scale[:5], 0.02])
         return np.asarray(np.clip(2.0 * lag, -1.0, 1.0))
 
     def _look(self, now: float, *, faulty: bool) -> None:
-        """Render a frame, and deliver frames after their latency."""
+        """Render a frame, unless the frame is to be dropped.
+
+        Frames whose latency has passed become the newest frames of the cameras.
+        """
         self._reads += 1
         if not (self.faults.drop_every and self._reads % self.faults.drop_every == 0 and self._shown):
             views = self.scene.views(self._looks, self._renderers)
@@ -223,7 +235,7 @@ class MockRobot:
 
 
 def moved_slots(task: Task, layout: Mapping[str, str], moved: Mapping[str, tuple[float, float]]) -> Task:
-    """Return the task with the slots of some objects shifted by (x, y) [m].
+    """Return a copy of a task in which the slots of some objects are shifted by (x, y) [m].
 
     Raises:
         InvalidInputError: If an object is not in a slot.

@@ -1,4 +1,4 @@
-"""Image of the front camera with the measured markers, and with the places where the twin's camera sees them."""
+"""Image of the front camera with the measured markers, and with their positions as seen by the simulated camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.real.sheet.layout import MARKERS_MM, corners_mm
 
 _FOUND, _TWIN, _AHEAD, _LEFT = (40, 220, 90), (255, 150, 20), (255, 70, 70), (90, 150, 255)
 _AXIS_M = 0.1
-"""Length of the drawn axes of the base frame."""
+"""Length of the axes of the base frame in the drawing [m]."""
 _LEGEND = (
     (_FOUND, "found marker"),
     (_TWIN, "its place for the twin's camera"),
@@ -22,12 +22,12 @@ _LEGEND = (
 
 
 def annotated(image: np.ndarray, camera: MeasuredCamera, twin: CameraPose) -> Image.Image:
-    """Draw the found markers, the same markers as the twin's camera sees them, and the axes at the arm's origin.
+    """Draw the found markers, the same markers as the simulated camera sees them, and the axes of the arm's base frame.
 
     Args:
-        image: (height, width, 3) uint8 RGB that was measured.
-        camera: The camera measured from it.
-        twin: Pose of the twin's camera.
+        image: Image (height, width, 3) uint8 RGB from which the camera was measured.
+        camera: Measured camera.
+        twin: Pose of the front camera in the simulated twin of the scene.
     """
     height, width = image.shape[:2]
     pen_width = max(2, round(width / 320))
@@ -52,7 +52,10 @@ def annotated(image: np.ndarray, camera: MeasuredCamera, twin: CameraPose) -> Im
 
 
 def _seen(points: np.ndarray, pose: CameraPose, shape: tuple[int, int]) -> np.ndarray | None:
-    """Return the (n, 2) pixels of points in the base frame, without distortion; None if one is behind the camera."""
+    """Return the pixels (n, 2) at which a camera without distortion sees points (n, 3) of the base frame.
+
+    Return None if a point is behind the camera.
+    """
     rays = (points - pose.position_m) @ pose.axes
     if float(rays[:, 2].min()) < 0.01:
         return None
@@ -62,7 +65,7 @@ def _seen(points: np.ndarray, pose: CameraPose, shape: tuple[int, int]) -> np.nd
 
 
 def _with_legend(drawn: Image.Image, font: ImageFont.ImageFont | ImageFont.FreeTypeFont) -> Image.Image:
-    """Return the image with a line below it that names the colors."""
+    """Return the image with an additional line at the bottom that explains the colors."""
     line = round(1.6 * font.getbbox("Hg")[3])
     whole = Image.new("RGB", (drawn.width, drawn.height + line), (20, 20, 20))
     whole.paste(drawn, (0, 0))

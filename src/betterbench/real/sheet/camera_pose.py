@@ -1,9 +1,9 @@
-"""Pose of a real camera from the printed markers, and the motion to the pose of the twin's camera.
+"""Pose of a real camera measured from the printed markers, and the motion to the pose of the simulated camera.
 
 OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and first
 distortion coefficient are estimated together with the pose. All markers are in one plane, but the camera looks at the
 plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution show how
-well.
+well these two values are determined.
 
 A camera pose is a position [m] in the arm's base frame (x ahead, y left, z up) and the camera's axes in OpenCV's
 convention: x to the right of the image, y downward, z along the view.
@@ -36,45 +36,52 @@ from betterbench.sim.robots.so101 import SO101
 from betterbench.sim.robots.spec import CameraMount
 
 LEAST_MARKERS = 5
-"""Minimum number of markers. The lens is estimated too, so four markers in one corner are not enough."""
+"""Minimum number of detected markers. Since the lens is estimated too, four markers in one corner are not enough."""
 MOST_ERROR_PX = 1.1
-"""Maximum reprojection error, for an image 640 pixels wide. Renderings of a flat sheet have 0.3 to 0.9 (with strong
-noise); with pages misplaced by 10 mm, they have 1.2.
+"""Maximum reprojection error in an image that is 640 pixels wide [pixels]. Renderings of a flat sheet have an error of
+0.3 to 0.9 (with strong noise). If pages are misplaced by 10 mm, the error is 1.2.
 """
 MOST_LEFT_OUT = 2
 """Maximum number of markers that may be discarded as outliers (over three times the median error), for example because
 the arm or its shadow covers an edge. A misplaced page has more outliers.
 """
 WIDTH_PX = 640
-"""Image width for which the limits in pixels are given."""
+"""Image width to which the limits in pixels refer."""
 MOST_BLUR_PX = 4.0
-"""Maximum width of the edge from black to white (10 to 90 %), for an image 640 pixels wide. A rendering has 2. At 4,
-the position error is up to 9 mm instead of 4 mm.
+"""Maximum width of the edge from black to white (10 to 90 %) in an image that is 640 pixels wide [pixels]. The width is
+2 in a rendering. At a width of 4, the position error is up to 9 mm instead of 4 mm.
 """
 MOST_BLUR_ANYWHERE_PX = 3.2
-"""Maximum width of the sharpest edges, above which an image with too few markers is reported as blurred; a rendering
-has 1.7."""
+"""Width of the sharpest edges above which an image with too few markers is reported as blurred [pixels]. The width is
+1.7 in a rendering.
+"""
 MOST_RULER = 0.01
-"""Maximum relative error of the printed ruler's length; 1 % moves the camera position by 8 mm."""
+"""Maximum relative error of the length of the printed ruler. An error of 1 % changes the camera position by 8 mm."""
 MOST_MARKER_SCALE = 0.025
-"""Maximum relative difference between the marker size and the size expected from the marker distances. Pages fitted to
-the paper are 3 to 6 % smaller; renderings differ by up to 1 %.
+"""Maximum relative difference between the marker size and the size expected from the distances between markers. If
+pages are fitted to the paper, the markers are 3 to 6 % smaller. In renderings, the difference is up to 1 %.
 """
 MOST_OTHER_SCALE = 0.1
-"""Relative difference of the same size above which the pages must be misplaced, because no printer shrinks a page this
-much."""
+"""Relative difference between the marker size and the expected size above which the pages must be misplaced, because no
+printer shrinks a page this much.
+"""
 MOST_PAGE_OFF_MM = 20.0
-"""Maximum distance of a marker from its expected position for a page to be recognized as rotated or swapped."""
+"""Maximum distance of a marker from the position expected for a rotated or swapped page at which the page is recognized
+as such [mm].
+"""
 SMALL_PX = 400
-"""Image width below which markers are reported as too small instead of blurred or covered."""
+"""Image width below which markers are reported as too small instead of blurred or covered [pixels]."""
 MOST_SPREAD_M = 0.01
-"""Maximum standard deviation of the camera position, equal to the allowed position error of the camera. Renderings have
-up to 4 mm. With only the near row of pages, it is 12 to 20 mm, and the position error is 14 to 46 mm.
+"""Maximum standard deviation of the measured camera position [m], equal to the allowed position error of the camera. It
+is up to 4 mm in renderings. If only the near row of pages is visible, the standard deviation is 12 to 20 mm, and the
+position error is 14 to 46 mm.
 """
 NEAR_FOV_DEG = 1.5
-"""Maximum difference of the fields of view, which moves the image edge by 3 %."""
+"""Maximum difference between the fields of view of the real and the simulated camera [degrees]. This difference moves
+the edge of the image by 3 %.
+"""
 NEAR_M, NEAR_DEG = 0.01, 1.0
-"""Maximum distance and angle from the twin's camera for the camera to be correctly placed."""
+"""Maximum distance [m] and angle [degrees] from the simulated camera at which the camera is correctly placed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,9 +89,9 @@ class CameraPose:
     """Pose and field of view of a camera.
 
     Attributes:
-        position_m: (3,) position in the base frame.
-        axes: (3, 3) directions of the camera's x, y and z axis in the base frame, as columns.
-        fovy_deg: Vertical field of view [degree].
+        position_m: (3,) position in the arm's base frame [m].
+        axes: (3, 3) directions of the camera's x, y and z axes in the base frame, as columns.
+        fovy_deg: Vertical field of view [degrees].
     """
 
     position_m: np.ndarray
@@ -97,11 +104,12 @@ class MeasuredCamera:
     """Camera pose measured from the markers.
 
     Attributes:
-        corners_px: (4, 2) corners in the image of each detected marker that the solution uses, by marker number.
-        error_px: Root mean square reprojection error [pixel].
-        spread_m: Standard deviation of the position [m], estimated from the residuals.
+        pose: Pose and field of view of the camera.
+        corners_px: (4, 2) image corners of each detected marker that the solution uses, by marker number.
+        error_px: Root mean square reprojection error [pixels].
+        spread_m: Standard deviation of the camera position, estimated from the residuals [m].
         distortion: First radial distortion coefficient.
-        blur_px: Median width of the marker edges [pixel].
+        blur_px: Median width of the marker edges [pixels].
     """
 
     pose: CameraPose
@@ -114,12 +122,12 @@ class MeasuredCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraCorrection:
-    """Motion that moves a camera to the pose of the twin's camera.
+    """Motion that moves a real camera to the pose of the simulated camera.
 
     Attributes:
-        move_m: (3,) motion along x (away from the arm), y (to the arm's left) and z (up).
-        turn_deg: (3,) rotation about the camera's axes: tilt up, pan right, roll clockwise (from behind).
-        fovy_deg: Fields of view of the camera and of the twin's camera.
+        move_m: (3,) translation along x (away from the arm), y (to the arm's left) and z (up) [m].
+        turn_deg: (3,) rotation about the camera's axes [degrees]: tilt up, pan right, roll clockwise seen from behind.
+        fovy_deg: Vertical fields of view of the real camera and of the simulated camera [degrees].
     """
 
     move_m: np.ndarray
@@ -128,22 +136,22 @@ class CameraCorrection:
 
     @property
     def distance_m(self) -> float:
-        """Distance between the cameras."""
+        """Distance between the two cameras [m]."""
         return float(np.linalg.norm(self.move_m))
 
     @property
     def angle_deg(self) -> float:
-        """Angle between the cameras."""
+        """Angle between the two cameras [degrees]."""
         return float(np.linalg.norm(self.turn_deg))
 
     @property
     def is_near(self) -> bool:
-        """Whether the camera is correctly placed."""
+        """Whether the camera is considered correctly placed."""
         return self.distance_m <= NEAR_M and self.angle_deg <= NEAR_DEG
 
     @property
     def lens_sentence(self) -> str:
-        """Advice about a different lens, one sentence; empty if the field of view is the twin's."""
+        """Advice to use another lens; empty if the field of view is close enough to that of the simulated camera."""
         real, twin = self.fovy_deg
         if abs(real - twin) <= NEAR_FOV_DEG:
             return ""
@@ -155,7 +163,7 @@ class CameraCorrection:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Instructions for moving the camera, one sentence per kind of motion; tiny motions are left out."""
+        """Instructions for moving and rotating the camera, one sentence each. Tiny motions are left out."""
         found = []
         moves = _parts(
             100.0 * self.move_m,
@@ -174,7 +182,7 @@ class CameraCorrection:
 
 
 def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Return the components of a motion in words, the largest first."""
+    """Describe the components of a motion in words, the largest component first. Small components are left out."""
     order = sorted(range(len(values)), key=lambda k: -abs(values[k]))
     told = []
     for k in order:
@@ -187,14 +195,14 @@ def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str
 
 
 def twin_camera() -> CameraPose:
-    """Return the pose of the twin's front camera."""
+    """Return the pose of the front camera in the simulated twin."""
     if SO101.front_camera is None:
-        raise AssertionError("the SO-101 has its own front camera")
+        raise AssertionError("the description of the SO-101 must contain a front camera")
     return mounted(SO101.front_camera)
 
 
 def mounted(mount: CameraMount) -> CameraPose:
-    """Return the pose of a camera given by its position, target and upward direction."""
+    """Return the pose of a camera, given its position, the point at which it looks, and its upward direction."""
     position, target, up = (np.array(v) for v in (mount.position, mount.target, mount.up))
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, up)
@@ -203,9 +211,9 @@ def mounted(mount: CameraMount) -> CameraPose:
 
 
 def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
-    """Return the motion that moves a camera to the pose of the twin's camera.
+    """Return the motion that brings a real camera to the pose of the simulated camera.
 
-    The translation comes before the rotation.
+    The translation is applied before the rotation.
     """
     turn, _ = opencv().Rodrigues(camera.axes.T @ twin.axes)
     return CameraCorrection(
@@ -217,12 +225,12 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
     """Measure the pose of the camera that took an image, (height, width, 3) uint8 RGB.
 
     Args:
-        image: Image with the sheet on the table.
+        image: Image that shows the sheet on the table.
         ruler_mm: Measured length of the printed ruler [mm].
-        fovy_deg: Vertical field of view, if known [degree]; otherwise it is estimated.
+        fovy_deg: Vertical field of view [degrees]. If it is None, it is estimated.
 
     Raises:
-        InvalidInputError: If the ruler, the image or the solution cannot be trusted; the message says what to do.
+        InvalidInputError: If the ruler, the image or the solution cannot be trusted. The message says what to do.
         MissingDependencyError: If OpenCV is not installed.
     """
     _require_ruler(ruler_mm)
@@ -250,14 +258,14 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
         except InvalidInputError:
             raise problem from None
         told = f"{fovy_deg:g} degrees do not match the image, which shows {seen:.1f}"
-        cure = "Leave the option out, or give the vertical field of view at this image size"
+        cure = "Leave out the option, or give the vertical field of view for this image size"
         raise InvalidInputError("--fovy-deg", told, cure) from problem
 
 
 def _trusted(
     found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
 ) -> MeasuredCamera:
-    """Return the camera from the markers; raise InvalidInputError if the solution is not reliable."""
+    """Compute the camera pose from the markers. Raise InvalidInputError if the result is not reliable."""
     found = dict(found)
     camera, residuals = _solved(found, shape, scale, fovy_deg, blur)
     for _ in range(MOST_LEFT_OUT):
@@ -291,7 +299,11 @@ def _trusted(
 
 
 def _require_ruler(ruler_mm: float) -> None:
-    """Raise InvalidInputError if the ruler length is invalid, has another unit, or shows that the sheet was scaled."""
+    """Raise InvalidInputError if the measured length of the printed ruler is not plausible.
+
+    This is the case if it is not a valid length, seems to have another unit, or shows that the sheet was scaled in
+    print.
+    """
     if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
         return
     if not (math.isfinite(ruler_mm) and ruler_mm > 0.0):
@@ -299,7 +311,7 @@ def _require_ruler(ruler_mm: float) -> None:
         raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} is not a length", cure)
     for unit, factor in (("centimeters", 10.0), ("inches", 25.4), ("meters", 1000.0)):
         if abs(factor * ruler_mm / RULER_MM - 1.0) <= 0.1:
-            cure = f"Give millimeters: {factor * ruler_mm:.1f}"
+            cure = f"Give the length in millimeters: {factor * ruler_mm:.1f}"
             raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} seems to be in {unit}", cure)
     problem = f"the printed ruler is {ruler_mm:g} mm long instead of {RULER_MM:.0f}"
     raise InvalidInputError("--ruler-mm", problem, "Print the sheet again at 100 %, without fitting it to the page")
@@ -309,11 +321,11 @@ def _require_ruler(ruler_mm: float) -> None:
 
 
 def _require_pages(found: dict[int, np.ndarray]) -> None:
-    """Raise InvalidInputError if a page is rotated or swapped with another page.
+    """Raise InvalidInputError if a page of the sheet is rotated or swapped with another page.
 
-    Most markers agree on one view of the table. Seen in this view, the markers of a misplaced page are at the position
-    of another page, or are rotated by 180 degrees. Without this check, one or two such markers would be discarded like
-    covered ones, and the slots on their page would be at wrong positions.
+    The view of the table is determined by the majority of the markers. In this view, the markers of a misplaced page
+    appear at the position of another page, or rotated by 180 degrees. Without this check, one or two such markers would
+    be discarded as if they were covered, and the slots on their page would be at wrong positions.
     """
     table = np.concatenate([corners_mm(marker) for marker in found]).astype(np.float32)
     pixels = np.concatenate(list(found.values())).astype(np.float32)
@@ -336,12 +348,15 @@ def _require_pages(found: dict[int, np.ndarray]) -> None:
 
 
 def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the (4, 2) positions on the table [mm] of a marker's corners in the image."""
+    """Return the (4, 2) positions on the table [mm] that correspond to the image corners of a marker."""
     return np.asarray(opencv().perspectiveTransform(corners.reshape(1, -1, 2), view)[0])
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return the largest distance [mm] of corners from their expected positions if a page is at a given place."""
+    """Return how well the markers of a page fit if this page lies at the place of another page.
+
+    The result is the largest distance of a marker corner from its expected position [mm].
+    """
     center, there = (np.array([0.5 * (a.x_low + a.x_high), 0.5 * (a.y_low + a.y_high)]) for a in (tile, place))
     way = -1.0 if turned else 1.0
     return max(
@@ -354,7 +369,7 @@ def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: boo
 
 
 def opencv() -> Any:  # noqa: ANN401 - a module without types
-    """Return OpenCV; raise MissingDependencyError if it is not installed."""
+    """Import OpenCV and return the module. Raise MissingDependencyError if it is not installed."""
     try:
         return importlib.import_module("cv2")
     except ImportError as problem:
@@ -362,7 +377,7 @@ def opencv() -> Any:  # noqa: ANN401 - a module without types
 
 
 def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
-    """Return the (4, 2) corners [pixel] of each marker of the sheet by its number.
+    """Find the markers of the sheet in an image, and return their (4, 2) corners [pixels] by marker number.
 
     Raises:
         InvalidInputError: If a marker occurs twice in the image.
@@ -388,7 +403,7 @@ def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
 
 
 def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
-    """Return the error for an image with too few markers, with the likely reason."""
+    """Create the error for an image in which too few markers were found. The error states the likely reason."""
     says = f"{count} of the sheet's {len(CELLS)} markers found, {LEAST_MARKERS} needed"
     if len(_markers(np.ascontiguousarray(gray[:, ::-1]))) >= max(LEAST_MARKERS, count + 1):
         return InvalidInputError(
@@ -411,7 +426,7 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
 
 
 def _edge_width(gray: np.ndarray, corners: np.ndarray) -> float:
-    """Return the median width of a marker's outer edges, from 10 to 90 % brightness [pixel]."""
+    """Return the median width of the outer edges of a marker [pixels], measured from 10 to 90 % brightness."""
     center, widths = corners.mean(axis=0), []
     cell = 0.5 / 6.0  # half a cell, as a fraction of the marker's side
     for k in range(4):
@@ -431,7 +446,7 @@ def _edge_width(gray: np.ndarray, corners: np.ndarray) -> float:
 
 
 def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 41) -> np.ndarray:
-    """Return the linearly interpolated brightness along a line."""
+    """Return the linearly interpolated brightness along a line between two points."""
     points = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
     height, width = gray.shape
     u, v = np.clip(points[:, 0], 0, width - 1.001), np.clip(points[:, 1], 0, height - 1.001)
@@ -442,7 +457,10 @@ def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 
 
 
 def _sharpest_edge(gray: np.ndarray) -> float:
-    """Return the width of the sharpest edges in an image [pixel]: the contrast divided by the steepest slopes."""
+    """Return the width of the sharpest edges in an image [pixels].
+
+    It is the contrast of the image divided by its steepest slope.
+    """
     smooth = opencv().GaussianBlur(gray, (0, 0), 0.7).astype(float)
     low, high = np.percentile(smooth, (1.0, 99.0))
     slopes = np.hypot(np.diff(smooth, axis=1)[:-1], np.diff(smooth, axis=0)[:, :-1])
@@ -454,7 +472,7 @@ def _sharpest_edge(gray: np.ndarray) -> float:
 
 
 def _points(markers: Sequence[int], scale: float) -> np.ndarray:
-    """Return the (n, 3) corners of markers in the base frame [m]."""
+    """Return the (n, 3) positions of the corners of markers in the base frame [m]."""
     flat = np.concatenate([corners_mm(marker) for marker in markers]) * 0.001 * scale
     return np.column_stack([flat, np.zeros(len(flat))]).astype(np.float32)
 
@@ -462,7 +480,7 @@ def _points(markers: Sequence[int], scale: float) -> np.ndarray:
 def _solved(
     found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
 ) -> tuple[MeasuredCamera, dict[int, float]]:
-    """Return the camera, and the reprojection error of each marker [pixel]."""
+    """Compute the camera pose from the markers, and return it with the reprojection error of each marker [pixels]."""
     cv2 = opencv()
     height, width = shape
     points, pixels = _points(list(found), scale), np.concatenate(list(found.values())).astype(np.float32)
@@ -479,7 +497,7 @@ def _solved(
     position = -R.T @ t
     if position[2] <= 0.0 or not np.isfinite(position).all():
         cure = "Check that the sheet lies on the table with its print up"
-        raise InvalidInputError("image", "the markers give a camera below the table", cure)
+        raise InvalidInputError("image", "the markers imply a camera position below the table", cure)
     again, _ = cv2.projectPoints(points, rotations[0], t, K, distortion)
     off = np.linalg.norm(again.reshape(-1, 2) - pixels, axis=1).reshape(-1, 4)
     residuals = {marker: float(row.max()) for marker, row in zip(found, off, strict=True)}
@@ -490,10 +508,10 @@ def _solved(
 
 
 def _marker_scale(found: dict[int, np.ndarray], shape: tuple[int, int], camera: MeasuredCamera) -> float:
-    """Return the size of the markers on the table relative to that of the sheet.
+    """Return the measured size of the markers on the table, relative to their size on the sheet.
 
-    The distances between markers determine the pose, because they are longer than the markers. If pages were printed
-    smaller but placed at the right distances, the markers are therefore too small.
+    The pose is determined mainly by the distances between markers, because they are longer than the markers themselves.
+    Markers on pages that were printed too small but placed at the right distances therefore appear too small.
     """
     cv2 = opencv()
     height, width = shape

@@ -1,6 +1,6 @@
-"""Page drawings in millimeters, written as SVG and PDF at true scale.
+"""Drawings of pages in millimeters, written as SVG and PDF at true scale.
 
-Shapes have coordinates from the page's top left corner, x to the right and y downward. Both writers create one object
+Coordinates start at the top left corner of the page, with x to the right and y downward. Both writers create one object
 per shape and do not compress the file, so that tests can measure the printed output.
 """
 
@@ -13,12 +13,16 @@ from xml.sax.saxutils import escape
 
 POINTS_PER_MM = 72.0 / 25.4
 _CURVE = 4.0 / 3.0 * (math.sqrt(2.0) - 1.0)
-"""Length of the control handles for approximating a unit circle by four Bezier curves."""
+"""Length of the control handles with which four Bezier curves approximate a unit circle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rect:
-    """Rectangle: top left corner and size [mm], filled with a gray (0 black, 1 white) or outlined with a line width."""
+    """Rectangle, given by its top left corner and size [mm].
+
+    The rectangle is filled with a gray tone from 0 (black) to 1 (white). If ``line`` is above 0, it is not filled, but
+    outlined with this line width [mm].
+    """
 
     x: float
     y: float
@@ -30,7 +34,7 @@ class Rect:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Line between two points [mm]."""
+    """Straight line between two points [mm]."""
 
     x1: float
     y1: float
@@ -42,7 +46,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Circle: center and radius [mm], outlined."""
+    """Outlined circle, given by its center and radius [mm]."""
 
     x: float
     y: float
@@ -53,7 +57,7 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """ASCII text: left end of its baseline, and font size [mm]."""
+    """ASCII text, given by the left end of its baseline and its font size [mm]."""
 
     x: float
     y: float
@@ -67,10 +71,15 @@ Shape = Rect | Line | Circle | Text
 
 @dataclass(slots=True)
 class Page:
-    """Page: size [mm], and shapes in drawing order.
+    """Page with shapes in drawing order.
 
     Attributes:
-        clip: Rectangle (left, top, width, height) outside which shapes of :meth:`clipped` are cut off.
+        title: Title of the document.
+        width: Width of the page [mm].
+        height: Height of the page [mm].
+        shapes: Shapes that are drawn completely.
+        within: Shapes that are drawn first, and only inside the rectangle ``clip``.
+        clip: Rectangle (left, top, width, height) [mm].
     """
 
     title: str
@@ -82,7 +91,7 @@ class Page:
 
 
 def svg(page: Page) -> str:
-    """Return a page as SVG."""
+    """Return a page as an SVG document."""
     left, top, wide, high = page.clip
     size = f'width="{_n(page.width)}mm" height="{_n(page.height)}mm"'
     lines = [
@@ -101,7 +110,7 @@ def svg(page: Page) -> str:
 
 
 def pdf(pages: Sequence[Page]) -> bytes:
-    """Return pages as one PDF, which requests printing without scaling."""
+    """Return pages as one PDF document, which asks the viewer to print without scaling."""
     objects = [
         "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         "",  # placeholder for the list of pages, whose object numbers are known at the end
@@ -127,7 +136,7 @@ def pdf(pages: Sequence[Page]) -> bytes:
 
 
 def _n(value: float) -> str:
-    """Return a number with at most four decimals."""
+    """Format a number with at most four decimals."""
     return f"{value:.4f}".rstrip("0").rstrip(".") or "0"
 
 
@@ -157,7 +166,10 @@ def _svg(shape: Shape) -> str:
 
 
 def _content(page: Page) -> str:
-    """Return the PDF operators of a page. The first operator sets the unit to millimeters and y to point down."""
+    """Return the PDF operators that draw a page.
+
+    The first operator sets the unit to millimeters and lets y point downward.
+    """
     scale = _n_exact(POINTS_PER_MM)
     left, top, wide, high = page.clip
     lines = [f"{scale} 0 0 -{scale} 0 {_n(page.height * POINTS_PER_MM)} cm"]

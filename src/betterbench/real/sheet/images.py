@@ -1,4 +1,4 @@
-"""Front camera images, from a file or as one live frame."""
+"""Images of the front camera, read from a file or captured live."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from betterbench.real.sheet.camera_pose import opencv
 
 _MOST_BYTES = 64 << 20
 _MOST_PIXELS = 64_000_000
-"""Maximum number of pixels in an image, above the resolution of most phone cameras."""
+"""Maximum number of pixels in an image, which is more than most phone cameras have."""
 _WARM_UP = 15
-"""Number of frames to skip until exposure and focus have settled."""
+"""Number of frames that are captured until exposure and focus have settled. The last one is used."""
 
 
 def image_of(path: Path) -> np.ndarray:
     """Read an image file as (height, width, 3) uint8 RGB, with its orientation tag applied.
 
     Raises:
-        InvalidInputError: If it is not an image, or too large.
+        InvalidInputError: If the file is not a PNG or JPEG image, or is too large.
     """
     from PIL import Image, ImageOps, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
 
@@ -44,11 +44,13 @@ def image_of(path: Path) -> np.ndarray:
     except Image.DecompressionBombError as problem:
         raise _too_large(path, "has too many pixels") from problem
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as problem:
-        raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give an image of the camera") from problem
+        raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give a PNG or JPEG image") from problem
 
 
 def _too_large(path: Path, problem: str) -> InvalidInputError:
-    cure = f"Give an image of at most {_MOST_PIXELS // 1_000_000} million pixels, best in the size of better real run"
+    cure = (
+        f"Give an image of at most {_MOST_PIXELS // 1_000_000} million pixels, such as those that better real run uses"
+    )
     return InvalidInputError(str(path), problem, cure)
 
 
@@ -56,7 +58,7 @@ def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
     """Capture one frame of a camera, given by index or path, as (height, width, 3) uint8 RGB.
 
     Raises:
-        InvalidInputError: If the camera sends no frame, or one of another size.
+        InvalidInputError: If the camera sends no frame, or a frame of a different size.
         MissingDependencyError: If OpenCV is not installed.
     """
     cv2 = opencv()
@@ -76,5 +78,7 @@ def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
         raise InvalidInputError(f"--camera {source}", "sends no frames", cure)
     if frame.shape[:2] != (size[1], size[0]):
         problem = f"sends images of {frame.shape[1]} x {frame.shape[0]} pixels instead of {size[0]} x {size[1]}"
-        raise InvalidInputError(f"--camera {source}", problem, "Give --camera-size, here and to better real run")
+        raise InvalidInputError(
+            f"--camera {source}", problem, "Give this size with --camera-size, both here and for better real run"
+        )
     return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))

@@ -1,4 +1,4 @@
-"""Pages of the marker sheet: an overview with instructions, and one page per tile or one for the whole sheet."""
+"""Pages of the marker sheet: an overview with instructions and one page per tile, or one page for the whole sheet."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ _PALE, _SOFT = 0.82, 0.45
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """Placement of a table area on a page: the page position of its far left corner, and a scale."""
+    """Placement of an area of the table on a page.
+
+    It consists of the position on the page of the area's far left corner, and of a scale.
+    """
 
     area: Area
     left: float
@@ -47,12 +50,12 @@ class _Frame:
     scale: float = 1.0
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Map a point of the table to the page."""
+        """Return the position on the page of a given point on the table."""
         return self.left + self.scale * (self.area.y_high - y), self.top + self.scale * (self.area.x_high - x)
 
 
 def sheet_pages(paper: str) -> list[Page]:
-    """Return the pages for a paper size ("a4", "letter", "whole"); raise UnknownNameError for another name."""
+    """Return the pages for a paper size ("a4", "letter", "whole"). Raise UnknownNameError for another paper size."""
     if paper == WHOLE:
         width, height = SHEET.width + 2.0 * _MARGIN, SHEET.depth + 2.0 * _MARGIN
         return [_tile(SHEET, "the whole sheet", width, height)]
@@ -64,7 +67,7 @@ def sheet_pages(paper: str) -> list[Page]:
 
 
 def write_sheet(folder: Path, paper: str) -> list[Path]:
-    """Write the sheet as one PDF and as one SVG per page, and return the paths, the PDF first."""
+    """Write the sheet as one PDF and as one SVG per page. Return the paths of the files, with the PDF first."""
     pages = sheet_pages(paper)
     files = {f"sheet_{paper}.pdf": pdf(pages)}
     for number, page in enumerate(pages):
@@ -76,7 +79,7 @@ def write_sheet(folder: Path, paper: str) -> list[Path]:
 
 
 def _tile(area: Area, name: str, width: float, height: float) -> Page:
-    """Return a page with a centered part of the sheet at true scale, and rulers in two margins."""
+    """Return a page that shows a part of the sheet at true scale in its center, with rulers in two margins."""
     left, top = 0.5 * (width - area.width), 0.5 * (height - area.depth)
     page = Page(f"betterbench marker sheet, {name}", width, height, clip=(left, top, area.width, area.depth))
     page.within.extend(_content(_Frame(area, left, top)))
@@ -88,7 +91,10 @@ def _tile(area: Area, name: str, width: float, height: float) -> Page:
 
 
 def _rulers(left: float, below: float, top: float) -> Iterator[Shape]:
-    """Yield rulers below and left of the tile, because printers may scale the two directions differently."""
+    """Yield rulers below and to the left of a tile.
+
+    There are two rulers because a printer may scale the two directions differently.
+    """
     y, x = below + 1.5, left - 1.5
     yield Line(left, y, left + RULER_MM, y)
     yield Line(x, top, x, top + RULER_MM)
@@ -100,7 +106,7 @@ def _rulers(left: float, below: float, top: float) -> Iterator[Shape]:
 
 
 def _content(frame: _Frame) -> Iterator[Shape]:
-    """Yield the content of the sheet: grid, base, slots, basket and, on top, the markers."""
+    """Yield the content of the sheet: grid, base, slots and basket, with the markers on top."""
     yield from _grid(frame)
     yield from _base(frame)
     s = frame.scale
@@ -118,7 +124,7 @@ def _content(frame: _Frame) -> Iterator[Shape]:
 
 
 def _grid(frame: _Frame) -> Iterator[Shape]:
-    """Yield lines every 5 cm, with their coordinates in centimeters on each tile."""
+    """Yield grid lines every 5 cm. Their coordinates in centimeters are printed on each tile."""
     s, area = frame.scale, SHEET
     for k in range(round(area.x_low / _GRID_MM), round(area.x_high / _GRID_MM) + 1):
         x = k * _GRID_MM
@@ -139,7 +145,7 @@ def _grid(frame: _Frame) -> Iterator[Shape]:
 
 
 def _base(frame: _Frame) -> Iterator[Shape]:
-    """Yield the outline of the arm's base, open to the rear so that the sheet can slide around it."""
+    """Yield the outline of the arm's base. It is open to the rear, so that the sheet can slide around the base."""
     s, front, half = frame.scale, BASE_MM[1], BASE_MM[2] + CLEARANCE_MM
     x, y = frame.at(front, half)
     width, depth = 2.0 * half * s, (front - SHEET.x_low) * s
@@ -153,7 +159,7 @@ def _base(frame: _Frame) -> Iterator[Shape]:
 
 
 def _marker(frame: _Frame, marker: int) -> Iterator[Shape]:
-    """Yield the white margin, the black square and the white cells of a marker, and its number."""
+    """Yield the white margin, the black square, the white cells and the number of a marker."""
     s, (x, y) = frame.scale, MARKERS_MM[marker]
     half = 0.5 * MARKER_MM
     left, top = frame.at(x + half, y + half)
@@ -182,7 +188,7 @@ _SAYS = (
 
 
 def _overview(width: float, height: float) -> Page:
-    """Return the overview page, which has a small drawing of the whole sheet with page numbers, and instructions."""
+    """Return the overview page: a small drawing of the whole sheet with page numbers, and instructions."""
     scale = 250.0 / SHEET.width
     left, top = 0.5 * (width - 250.0), 16.0
     frame = _Frame(SHEET, left, top, scale)

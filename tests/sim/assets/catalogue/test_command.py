@@ -80,7 +80,7 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("search", "mug", "--license", "cc0"), "'cc0' is not a choice of --license. Add --license any to"),
+        (("search", "mug", "--license", "cc0"), "expected 'free' or 'any', got 'cc0'. Use --license any to"),
         (("search", "mug", "--source", "kitchn"), "Did you mean 'kitchen'"),
         (("search",), "query: has 0 characters"),
         (("show", "kitchen/red"), "Unknown asset 'kitchen/red'"),

@@ -1,4 +1,4 @@
-"""Grammars of the templates, one file each. New files in this folder are found automatically."""
+"""Themes from which scenarios are written, one file per template. New files in this folder are found automatically."""
 
 import importlib
 import pkgutil

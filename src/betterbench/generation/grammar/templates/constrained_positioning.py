@@ -1,4 +1,4 @@
-"""Contexts of constrained positioning: mugs for the ring of a coffee machine."""
+"""Themes for the template "constrained positioning": mugs that are put on the ring of a coffee machine."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
 from betterbench.tasks.authoring.templates import CONSTRAINED_POSITIONING

@@ -1,4 +1,4 @@
-"""Contexts of container loading: small objects for the two drawers of a cabinet."""
+"""Themes for the template "container loading": small objects that are put into the two drawers of a cabinet."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import CONTAINER_LOADING

@@ -1,4 +1,4 @@
-"""Contexts of logical assembly: burgers, and towers of round blocks."""
+"""Themes for the template "logical assembly": burgers, and towers of round blocks."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
 from betterbench.tasks.authoring.templates import LOGICAL_ASSEMBLY

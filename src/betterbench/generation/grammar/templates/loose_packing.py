@@ -1,4 +1,4 @@
-"""Contexts of loose packing: meals to go, and trash."""
+"""Themes for the template "loose packing": packed meals, and trash."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import LOOSE_PACKING

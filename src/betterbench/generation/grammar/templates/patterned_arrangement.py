@@ -1,4 +1,4 @@
-"""Contexts of patterned arrangement: desks with a laptop, and places set with a plate."""
+"""Themes for the template "patterned arrangement": desks with a laptop, and place settings around a plate."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import PATTERNED_ARRANGEMENT
@@ -8,7 +8,7 @@ _DESK = ("computer_mouse", "mug", "speaker", "stapler", "tape_roll", "tumbler", 
 
 
 def _laid(*vessels: str) -> Group:
-    """Return a matching fork and spoon, and a vessel."""
+    """Return a group with a silver fork, one of the given drinking vessels, and a silver spoon."""
     return Group((Pool(("fork",), colors=("silver",)), Pool(vessels), Pool(("spoon",), colors=("silver",))))
 
 

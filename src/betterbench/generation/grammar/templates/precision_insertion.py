@@ -1,4 +1,4 @@
-"""Contexts of precision insertion: jars and bottles for the holes of a rack."""
+"""Themes for the template "precision insertion": jars and bottles that are put into the holes of a rack."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
 from betterbench.tasks.authoring.templates import PRECISION_INSERTION
@@ -7,7 +7,7 @@ _RACK = one("spice_rack")
 
 
 def _jar(spice: str, color: str) -> tuple[Pool, Pool]:
-    """Return the glass jar and the plain steel jar of a spice."""
+    """Return two pools: one with the glass jar of a spice, and one with the plain steel jar."""
     return Pool(("spice_jar",), colors=(color,)), Pool((f"plain_{spice}_jar",))
 
 
@@ -16,7 +16,7 @@ _PILLS = Pool(("pill_bottle",))
 
 
 def _both(*jars: tuple[Pool, Pool], more: tuple[Pool, ...] = ()) -> list[Group]:
-    """Return the groups with each jar made of glass or of steel."""
+    """Return one group for each combination of glass and steel jars."""
     choices: list[tuple[Pool, ...]] = [()]
     for glass, steel in jars:
         choices = [(*before, jar) for before in choices for jar in (glass, steel)]

@@ -1,4 +1,4 @@
-"""Contexts of recursive stacking: plates of different colors."""
+"""Themes for the template "recursive stacking": plates of different colors."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, register
 from betterbench.tasks.authoring.templates import RECURSIVE_STACKING
