@@ -1,6 +1,7 @@
-"""Choice of the gripper and position components of a LeRobot data set by name.
+"""Choose the gripper and position components of a LeRobot data set by their names.
 
-A data set with ambiguous names is rejected.
+If the names are ambiguous, the data set is rejected, and the error message names the option with which the user can
+choose.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix of a ``--place`` component that is a displacement. Its sum over time is the position."""
+"""Prefix of a ``--place`` component that is a displacement per step.
+
+Positions are then the sums of the displacements.
+"""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -31,13 +35,13 @@ _NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object"
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Components of a data set and their roles.
+    """Components of a data set, and the role of each component.
 
     Attributes:
-        numbers: Components by column.
-        parts: Their roles by column.
-        where: File with their names.
-        steps: Whether the actions are known to be displacements of the tool, whose sums are positions.
+        numbers: Components of each column.
+        parts: Roles of the components of each column.
+        where: File that contains the names of the components.
+        steps: Whether the actions are known to be displacements of the tool, so that their sums are positions.
     """
 
     numbers: Mapping[str, tuple[NamedNumber, ...]]
@@ -47,30 +51,30 @@ class Columns:
 
     @classmethod
     def of(cls, numbers: Mapping[str, tuple[NamedNumber, ...]], where: str, *, steps: bool) -> Columns:
-        """Return the columns with the roles of their components."""
+        """Recognize the role of each component by its name."""
         return cls(numbers, {name: parts_of(found) for name, found in numbers.items()}, where, steps)
 
     @property
     def actions(self) -> list[str]:
-        """Action columns, those with all components first."""
+        """Action columns. Columns with the complete action come before columns with a part of it."""
         other = [name for name in self.numbers if name.startswith(("action.", "actions."))]
         return [name for name in _ACTIONS if name in self.numbers] + sorted(other)
 
     @property
     def states(self) -> list[str]:
-        """Proprioception columns, those with all components first."""
+        """Proprioception columns. Columns with the complete state come before columns with a part of it."""
         usual = [name for name in _STATES if name in self.numbers]
         left = self.numbers.keys() - {*usual, *self.actions, "timestamp"}
         return usual + sorted(name for name in left if not _NO_STATE & set(tokens(name)))
 
     def pairs(self, column: str) -> list[tuple[NamedNumber, NumberRole]]:
-        """Return the components of a column with their roles."""
+        """Return the components of a column, each with its role."""
         return list(zip(self.numbers[column], self.parts[column], strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures the closing of a gripper, with the reason for the choice."""
+    """Component that measures how far the gripper of an arm is closed, and why it was chosen."""
 
     arm: str
     number: NamedNumber
@@ -79,7 +83,14 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlace:
-    """Components of an arm's position, their kind (see ``PlaceReading``), and the reason for the choice."""
+    """Components of an arm's position, with the reason why they were chosen.
+
+    Attributes:
+        arm: Name of the arm; "" if unknown.
+        numbers: The components.
+        space: Kind of the values, see ``PlaceReading``.
+        by: Source of the names by which the components were recognized.
+    """
 
     arm: str
     numbers: tuple[NamedNumber, ...]
@@ -88,10 +99,10 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper component per arm, given by the user or recognized by name.
+    """Choose one gripper component per arm, as given by the user or recognized by name.
 
     Raises:
-        InvalidInputError: If no component is recognized as a gripper, or an arm has two.
+        InvalidInputError: If no component is recognized as a gripper, or an arm has two gripper components.
         UnknownNameError: If a component named by the user does not exist.
     """
     if named:
@@ -118,7 +129,7 @@ def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
             which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (
                 ", ..." if len(numbers) > MOST_SHOWN else ""
             )
-            cure = f"Give one of them, as COLUMN[N], where N is its number ({which})" if which else "Give a number"
+            cure = f"Choose one of them as COLUMN[N], where N is its index ({which})" if which else "Give a number"
             raise InvalidInputError("--gripper", problem, cure)
         found.append(Grip(_arm(numbers[0]), numbers[0], "--gripper"))
     if len({grip.arm for grip in found}) < len(found):
@@ -131,7 +142,13 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two."""
+    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two.
+
+    Args:
+        columns: Components of the data set.
+        column: Name of the column.
+        kind: Role to look for, ``gripper`` or ``finger``.
+    """
     by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
@@ -158,7 +175,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
 
 
 def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
-    """Raise InvalidInputError if two names of a component disagree."""
+    """Raise InvalidInputError if the different names of a component disagree on whether it is a gripper."""
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
             problem = (
@@ -168,7 +185,7 @@ def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) 
 
 
 def _why_no_gripper(columns: Columns) -> str:
-    """Return the reason why no component is recognized as a gripper."""
+    """Explain why no component is recognized as a gripper."""
     pool = columns.actions or columns.states
     if not pool:
         return "the dataset has no column action and no proprioception"
@@ -195,12 +212,12 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the position components of each arm.
+    """Choose the position components of each arm.
 
-    The user may give them; otherwise, they are end-effector positions or joints.
+    If the user gives none, the position of the end effector is used, or else the joint angles.
 
     Raises:
-        InvalidInputError: If an arm has no such components, or two sets of them.
+        InvalidInputError: If an arm has no position components, or more than one set of them.
         UnknownNameError: If a component named by the user does not exist.
     """
     if named:
@@ -214,7 +231,7 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
         raise InvalidInputError(
             "--place",
             "only some components have the prefix +, which marks displacements",
-            "Give + before all of them or before none",
+            "Write + before all of them or before none",
         )
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]
     each, rest = divmod(len(numbers), len(grips))
@@ -227,7 +244,13 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
 
 
 def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return the position components of one arm."""
+    """Choose the position components of one arm.
+
+    Args:
+        columns: Components of the data set.
+        grip: Gripper of the arm.
+        alone: Whether the data set has only this gripper.
+    """
     states = columns.states
     for column in states:
         for arm in _arms(columns, column, "xyz", grip.arm, alone=alone):
@@ -250,7 +273,15 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm to which a gripper's column belongs, or no arm if this is ambiguous."""
+    """Return the arm whose position components in a column belong to a gripper. Return nothing if this is ambiguous.
+
+    Args:
+        columns: Components of the data set.
+        column: Column with position components.
+        kinds: Roles of the position components.
+        arm: Arm of the gripper; "" if unknown.
+        alone: Whether the data set has only this gripper.
+    """
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)
@@ -260,7 +291,12 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
 
 
 def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
-    """Return x, y and, if present, z of an arm. Raises InvalidInputError if an axis occurs twice."""
+    """Return the components x, y and, if present, z of an arm, and the source of their names.
+
+    Return None without x and y.
+
+    Raises InvalidInputError if an axis occurs twice.
+    """
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
         for axis in "xyz"
@@ -277,7 +313,11 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return all components of a state without names, if there is one gripper. Raises InvalidInputError otherwise."""
+    """Use all components of a state column without names as the position, if the data set has a single gripper.
+
+    Raises InvalidInputError if there are several grippers, if some components have names, or if there is no state
+    column.
+    """
     syntax = "with its own column and numbers, x first, counted from 0"
     cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:
@@ -303,7 +343,10 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the closed end of a gripper, ``low`` or ``high``, and the word in its name that implies it."""
+    """Return the closed end of a gripper's range, ``low`` or ``high``, if the gripper's name implies it.
+
+    The end is returned with the reason. Return None if the name does not tell.
+    """
     for label in number.labels:
         words = set(tokens(label))
         opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}
