@@ -129,7 +129,7 @@ def test_numbers_that_may_be_the_gripper_are_listed_and_none_is_advised(tmp_path
     assert "gripper (0), gripper (3)" in said
     assert "--gripper 'action[N]', where N is its index in brackets" in said
     assert "action[N], where N is one of 0, 3" in refusal(path, Choices(grippers=("action:gripper",)))
-    assert "as COLUMN[N], where N is its number (0, 1, 2, 3)" in refusal(path, Choices(grippers=("action",)))
+    assert "as COLUMN[N], where N is its index (0, 1, 2, 3)" in refusal(path, Choices(grippers=("action",)))
     assert "action[ ] has 0 numbers. Give a number" in refusal(path, Choices(grippers=("action[ ]",)))
 
 

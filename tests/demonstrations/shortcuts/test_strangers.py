@@ -177,7 +177,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
         (Choices(grippers=("action:griper",)), "Unknown number of action 'griper'. Did you mean 'gripper'"),
         (Choices(grippers=("acton[3]",)), "Unknown column of --gripper 'acton'. Did you mean 'action'"),
         (Choices(grippers=("action[9]",)), "action has 4 numbers; 9 does not exist"),
-        (Choices(grippers=("action",)), "action has 4 numbers. Give one of them"),
+        (Choices(grippers=("action",)), "action has 4 numbers. Choose one of them"),
         (Choices(places=("observation.state:x",)), "1 numbers are given for 1 grippers"),
         (Choices(places=("+action:dx", "observation.state:y")), "only some components have the prefix +"),
         (Choices(instruction="langage_instruction"), "Did you mean 'language_instruction'"),

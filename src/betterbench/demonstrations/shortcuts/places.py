@@ -30,7 +30,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
-    """Return the mean of points (n, d), and the two directions (2, d) of largest variance."""
+    """Return the plane in which points (n, d) vary most, as its center (d,) and two directions (2, d)."""
     used = points[:: max(1, len(points) // _MOST_POINTS)]
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)

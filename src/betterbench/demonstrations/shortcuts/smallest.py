@@ -319,7 +319,7 @@ def _best_order(
 
 
 def _matched_inside(test: PermutationTest) -> _Ints:
-    """Match first and second values within each demonstration, by one mapping for all demonstrations."""
+    """Rearrange the first values within each demonstration so that all demonstrations follow one rule."""
 
     def by_count(values: _Ints, size: int) -> list[int]:
         return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))
