@@ -1,4 +1,4 @@
-"""Check of a LeRobot data set against its records, file by file."""
+"""Comparison of a LeRobot data set with its records, file by file."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json, read_ordinary
 
 _RANGE = re.compile(r"0:([0-9]{1,9})")
-"""Range of the training episodes in LeRobot's notation."""
+"""Pattern of the range of training episodes in LeRobot's notation."""
 
 
 @dataclass(slots=True)
 class _Frames:
-    """Open frame file, with the number of rows read so far."""
+    """Frame file that is being compared, with the number of rows compared so far."""
 
     name: str
     table: pa.Table
@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of a data set, except images, image statistics, and questions in the language columns.
+    """Check of all content except images, image statistics, and questions in the language columns.
 
     Attributes:
         listed_in: Folders in which trainers read every Parquet file.
@@ -47,12 +47,12 @@ class LeRobotCheck(ABC):
     listed_in: Sequence[str]
 
     def __init__(self, path: Path, expected: ExpectedDataset, info: Any, listed: Sequence[Any]) -> None:  # noqa: ANN401 - JSON
-        """Initialize the check of a data set.
+        """Prepare the check of a data set.
 
         Args:
-            path: Its folder.
+            path: Folder of the data set.
             expected: Expected content, to which the episodes are added one by one.
-            info: Its ``meta/info.json``.
+            info: Content of ``meta/info.json``.
             listed: Entry of each episode in ``meta``.
         """
         self.path, self.expected, self.info, self.listed = path, expected, info, listed
@@ -60,7 +60,7 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the last added expected episode, and return a reader for its images."""
+        """Compare the episode that was last added to the expected content, and return a reader for its images."""
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)
         wanted = lerobot.frame_table(dataset, number, part, first=first)
@@ -75,7 +75,7 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare the data about the complete data set. Call it after the last episode."""
+        """Compare the data about the complete data set. Call this method after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
@@ -97,22 +97,22 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare the remaining files of ``meta``."""
+        """Compare all other files in ``meta``."""
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
-        """Return the name of the file with an episode's frames."""
+        """Return the name of the file that contains the frames of an episode."""
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name of an episode's video file, and the index of its first frame in the file."""
+        """Return the name of the video file of an episode, and the index of the episode's first frame in the file."""
 
     def same_json(self, file: str, wanted: object) -> None:
-        """Compare a JSON file."""
+        """Compare the content of a JSON file."""
         require_match(_json(self.path / file), wanted, str(self.path / file))
 
     def _open(self, name: str, wanted: pa.Table) -> pa.Table:
-        """Read a file of frames, without its questions."""
+        """Read a frame file, without the questions in it."""
         with intact(str(self.path / name)), pq.ParquetFile(io.BytesIO(_read(self.path / name))) as file:
             schema = file.schema_arrow
             require_equal(_types(schema), _types(wanted.schema), f"{self.path / name}: columns")
@@ -137,7 +137,10 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Check of version 3.0. ``meta/episodes`` has the locations of episodes, and trainers count rows over all files."""
+    """Check of a data set of version 3.0.
+
+    ``meta/episodes`` contains the location of each episode, and trainers count rows over all files.
+    """
 
     listed_in = ("data", "meta/episodes")
 
@@ -147,7 +150,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare an episode's row in ``meta/episodes``: locations, times and statistics."""
+        """Compare the row of an episode in ``meta/episodes``: locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))
@@ -162,7 +165,10 @@ class CheckOfV30(LeRobotCheck):
         require_match(there, wanted, f"{self.path / lerobot.EPISODES_FILE}: episode {number}")
 
     def _file(self, kind: str, there: Mapping[str, Any]) -> int:
-        """Return the index of an episode's file: that of the previous episode or, if the row says so, the next one."""
+        """Return the index of the file that contains an episode.
+
+        It is the file of the previous episode or, if the row of the episode says so, the next file.
+        """
         before = self._files.get(kind)
         file = before or 0
         if before is not None and lerobot.file_fields(kind, before + 1).items() <= there.items():
@@ -180,11 +186,11 @@ class CheckOfV30(LeRobotCheck):
         self.same_json("meta/info.json", lerobot.info_v30(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name given in the episode's row."""
+        """Return the file name that the row of the episode in ``meta/episodes`` gives."""
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the video file and first frame from the episode's row in ``meta/episodes``."""
+        """Return the video file and the index of the first frame, from the episode's row in ``meta/episodes``."""
         kind = f"videos/{column}"
         first = round(self.listed[number][f"{kind}/from_timestamp"] * self.expected.dataset.rate_hz)
         return lerobot.file_name(kind, self._number(kind, number)), first
@@ -195,7 +201,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Check of version 2.1. Each episode has its own files."""
+    """Check of a data set of version 2.1, in which each episode has its own files."""
 
     listed_in = ("data",)
 
@@ -204,7 +210,7 @@ class CheckOfV21(LeRobotCheck):
         self._stats = _lines(path / lerobot_v21.EPISODES_STATS_FILE)
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the lines of an episode."""
+        """Compare the lines about an episode in ``meta``."""
         line = lerobot_v21.episode_line(self.expected.dataset, number)
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
@@ -214,7 +220,7 @@ class CheckOfV21(LeRobotCheck):
         require_match(self._stats[number], stats, f"{file}: line {number + 1}")
 
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare instructions, subgoals, statistics, GR00T's slices and ``info.json``."""
+        """Compare instructions, subgoals, statistics, GR00T's ``modality.json`` and ``info.json``."""
         if len(self._stats) != len(self.listed):
             problem = f"lists {len(self._stats)} episodes, but there are {len(self.listed)}"
             raise InvalidInputError(str(self.path / lerobot_v21.EPISODES_STATS_FILE), problem, CURE)
@@ -227,11 +233,11 @@ class CheckOfV21(LeRobotCheck):
         self.same_json("meta/info.json", lerobot_v21.info_v21(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name required by the format version."""
+        """Return the name that version 2.1 prescribes for the frame file of an episode."""
         return lerobot_v21.frames_file(number)
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the file name required by the format version. A video file contains one episode."""
+        """Return the name that version 2.1 prescribes for the video of an episode. The episode begins at frame 0."""
         return lerobot_v21.video_file(column, number), 0
 
 
@@ -239,7 +245,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
     """Return the check for a data set of version 2.1 or 3.0.
 
     Raises:
-        InvalidInputError: If a file in ``meta`` is damaged or lists another number of episodes.
+        InvalidInputError: If a file in ``meta`` is damaged, or lists another number of episodes.
     """
     with intact(str(path / "meta")):
         info = _json(path / "meta/info.json")
@@ -254,7 +260,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
 
 
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
-    """Compare the frames of an episode. Of images, only the file names are compared."""
+    """Compare the frames of an episode. For images, only the file names are compared."""
     if len(table) != len(wanted):
         raise InvalidInputError(where, f"has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:
@@ -268,26 +274,23 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column, with a uniform name for list items.
-
-    Their original name depends on the Parquet version.
-    """
+    """Return the type of each column. List items get the same name, since it depends on the Parquet version."""
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the relevant content of an index file: rows, types, and the pandas index column."""
+    """Return the content of an index table that is compared: rows, types, and the name of the pandas index."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 
 
 def _at(video: str, number: int) -> np.ndarray | None:
-    """Return a frame of a video, or None after its end."""
+    """Return a frame of a video. Return None if the video is shorter."""
     found = next(read_pictures(video, first=number), None)
     return found[1] if found is not None and found[0] == number else None
 
 
-def _json(file: Path) -> Any:  # noqa: ANN401 - a stranger's text holds anything
+def _json(file: Path) -> Any:  # noqa: ANN401 - an untrusted file may contain anything
     with intact(str(file)):
         return parse_json(_read(file))
 

@@ -291,7 +291,7 @@ class LeaderThread:
                 )
 
     def _read(self) -> tuple[Pose, float]:
-        """Return the leader's tool in the frame of its base and its gripper, 0 closed to 100 open."""
+        """Return the pose of the leader's tool in its base frame, and the gripper position (0 closed to 100 open)."""
         read = {name.removesuffix(".pos"): float(v) for name, v in self._leader.get_action().items()}
         gripper = read.get("gripper", math.nan)
         if not math.isfinite(gripper):

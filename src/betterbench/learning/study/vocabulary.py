@@ -1,7 +1,7 @@
-"""Words, object categories and colors in a variation that a learner has never seen.
+"""Words, object categories and colors of a variation that a learner has never seen in training.
 
-A learner maps all unknown entries to the same index. A failure with unknown entries shows missing knowledge rather than
-a shortcut, so variations without unknown entries are also counted separately.
+A learner maps all unknown words, categories and colors to the same index. A failure in a variation with such entries
+shows missing knowledge rather than a shortcut, so variations without them are also counted separately.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[s
 
 
 def never_shown_before(regimes: Iterable[Regime], task: str, later: Iterable[Regime]) -> tuple[str, ...]:
-    """Return the words, categories and colors that occur in later regimes but in no condition of earlier ones."""
+    """Return the words, categories and colors that the later training distributions add to the earlier ones."""
     return _missing(regimes, task, _conditions(later, task))
 
 

@@ -1,4 +1,7 @@
-"""Training loop. Each step depends only on weights, seed and step number, so that training can be resumed."""
+"""Training loop.
+
+Each step depends only on the weights, the seed and the index of the step, so training can be resumed.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ from betterbench.records.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining
 
 STATE_NAME = "state.safetensors"
-"""File for resuming: weights, their moving average, and the optimizer moments."""
+"""File from which training is resumed: weights, the moving average of the weights, and the moments of the optimizer."""
 _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
@@ -59,9 +62,9 @@ _CURES = {
     "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedy by setting, for a resumed training whose setting (other than recipe and data) has changed."""
+"""Remedy for each setting, other than recipe and data, that has changed when a training is resumed."""
 _PATIENCE = timedelta(hours=6)
-"""Maximum time that the other processes wait for the first process, because it validates and writes."""
+"""Maximum time that the other processes wait for the first process while it validates and writes files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +72,10 @@ class TrainingProgress:
     """Progress of a training.
 
     Attributes:
-        step: Number of finished steps, including earlier sessions.
-        steps: Recipe steps.
+        step: Number of finished steps, including those before an interruption.
+        steps: Number of steps in the recipe.
         loss: Mean loss of the last steps.
-        samples_per_s: Training samples per second in this session, without validation.
+        samples_per_s: Training samples per second since training was started or resumed, without validation.
     """
 
     step: int
@@ -89,11 +92,11 @@ class TrainingResult:
     """Result of a complete training.
 
     Attributes:
-        checkpoint: Checkpoint file of the learner.
+        checkpoint: Checkpoint file of the policy.
         parameters: Number of trained parameters.
         log: Tables of the training.
-        seconds: This session's duration without reading the data [s].
-        samples_per_s: Training samples per second in this session, without validation. 0 if the training was already
+        seconds: Time since training was started or resumed, without reading the data [s].
+        samples_per_s: Training samples per second in this time, without validation; 0 if the training was already
             complete.
     """
 
@@ -112,25 +115,28 @@ def train(
     device: str = "cpu",
     on_progress: OnTraining | None = None,
 ) -> TrainingResult:
-    """Train a learner by a recipe, or resume an interrupted training.
+    """Train a policy by a recipe, or resume an interrupted training.
 
-    On the same machine and with the same numbers of threads and processes, the weights are bit-identical regardless of
-    interruptions.
+    On the same machine and with the same numbers of threads and processes, the weights are bit-identical with and
+    without interruptions.
 
     Raises:
         RunConflictError: If the folder contains another training, or another process writes to it.
-        TrainingError: If the loss is not finite; the saved state is kept.
+        TrainingError: If the loss is not finite. The saved state is kept.
         InvalidInputError: If the saved state is damaged, or the device cannot be used.
-        StorageError: If the disk is full, or the folder was removed or moved meanwhile; the saved state is kept.
+        StorageError: If the disk is full, or the folder was removed or renamed during the training. The saved state is
+            kept.
     """
     world = TrainingProcesses.here()
     require_place(out, device)
     if recipe.batch % world.size:
         raise InvalidInputError(
-            "batch", f"{recipe.batch} is not a multiple of the {world.size} processes", "Change the batch"
+            "batch",
+            f"{recipe.batch} is not a multiple of the number of processes ({world.size})",
+            "Change the batch size",
         )
     if recipe.questions % world.size:
-        problem = f"{recipe.questions} questions are not a multiple of the {world.size} processes"
+        problem = f"{recipe.questions} questions cannot be divided evenly among {world.size} processes"
         raise InvalidInputError("co_training.weight", problem, "Change the weight")
     form = {
         "recipe": recipe.to_json(),
@@ -154,13 +160,18 @@ def train(
 
 
 def require_place(out: Path, device: str) -> None:
-    """Check the folder and the device before any data are read; raise RunConflictError or InvalidInputError."""
+    """Check the output folder and the device before any data are read.
+
+    Raises:
+        RunConflictError: If the folder contains other files.
+        InvalidInputError: If the device cannot be used.
+    """
     _require_device(TrainingProcesses.here().device(device))
     require_free(out, "training", file=_RECIPE_NAME)
 
 
 class _Training:
-    """Training in progress."""
+    """Training in progress: network, optimizer, data and logs."""
 
     def __init__(
         self,
@@ -190,7 +201,7 @@ class _Training:
         self._network.to(device)
         self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
         if not self._trained:
-            raise InvalidInputError("frozen", "no parameters are left to train", "Freeze fewer parts")
+            raise InvalidInputError("frozen", "all parameters are frozen", "Freeze fewer parts")
         self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
         self._running = {name for name in buffers if name not in scales and name in self._mean}
         self._optimizer = torch.optim.AdamW(
@@ -202,7 +213,7 @@ class _Training:
             self._restore()
 
     def run(self, on_progress: OnTraining | None) -> TrainingResult:
-        """Train to the end and write the checkpoint."""
+        """Train to the last step, and write the checkpoint."""
         recipe, began = self._recipe, time.perf_counter()
         first, busy = self._step, 0.0
         shared: nn.Module = self._network
@@ -233,11 +244,11 @@ class _Training:
         return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
 
     def _advance(self, shared: nn.Module) -> list[float]:
-        """Take one optimization step; return the loss and the gradient norm."""
+        """Take one optimization step. Return the loss and the gradient norm."""
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
-        for part in () if recipe.built_in else recipe.frozen:  # keeps the statistics of a frozen batch norm
+        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm keeps its statistics
             if isinstance(module := getattr(self._network, part, None), nn.Module):
                 module.eval()
         shown, actions, counted = self._batches.sample(
@@ -256,16 +267,16 @@ class _Training:
         for name, weight in self._trained.items():
             where = f"learner {recipe.family!r}"
             if weight.grad is None:
-                raise InvalidInputError(where, f"no action depends on its weights {name}", "Use or remove them")
+                raise InvalidInputError(where, f"the loss does not depend on the weights {name}", "Use or remove them")
             if weight.grad.is_sparse:
-                raise InvalidInputError(where, f"the gradient of {name} is sparse", "Make it dense")
+                raise InvalidInputError(where, f"the gradient of {name} is sparse", "Use layers with dense gradients")
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
         found = [float(loss.detach()), float(norm)]
         if not all(math.isfinite(value) for value in found):
             raise TrainingError(
                 f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot "
-                f"continue. The state saved in {self._out} is kept. Train with a smaller learning_rate or clip, in "
-                f"another folder."
+                f"continue. The state saved in {self._out} is kept. Train in another folder with a smaller "
+                f"learning_rate or clip."
             )
         for group in self._optimizer.param_groups:
             group["lr"] = self._rate(self._step)
@@ -275,16 +286,18 @@ class _Training:
         return found
 
     def _require_sound(self, loss: object) -> None:
-        """Raise InvalidInputError for a user's learner with an invalid loss or with weights created after build."""
+        """Raise InvalidInputError if a user's learner has an invalid loss, or creates weights after ``build``."""
         where = f"learner {self._recipe.family!r}"
         if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
-            raise InvalidInputError(where, "its loss is not a scalar that depends on its weights", "Correct loss")
+            raise InvalidInputError(
+                where, "its loss is not a scalar tensor that depends on the weights", "Correct the method loss"
+            )
         new = sorted(self._network.state_dict().keys() ^ self._mean.keys())
         if new:
             raise InvalidInputError(where, f"{new[0]} was created after build", "Create all modules in build")
 
     def _rate(self, step: int) -> float:
-        """Return the learning rate at a step, counted from 0."""
+        """Return the learning rate at a step. The first step has the index 0."""
         recipe = self._recipe
         if step < recipe.warmup:
             return recipe.learning_rate * (step + 1) / recipe.warmup
@@ -292,9 +305,9 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Update the moving average of the weights, with a faster rate at first because it started from random weights.
+        """Update the moving average of the weights. It adapts faster at first, since it starts from random weights.
 
-        Buffers of a user's learner, such as those of a batch norm, are copied unchanged.
+        Buffers of a user's learner, such as those of a batch norm, are copied instead of averaged.
         """
         decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
         with torch.no_grad():
@@ -311,7 +324,7 @@ class _Training:
         return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256, code=code)
 
     def _validate(self) -> None:
-        """Log the errors per phase and a few rollouts of the averaged weights."""
+        """Log the validation errors by phase, and a few rollouts with the averaged weights."""
         if self._world.rank:
             return
         network = new_network(self._recipe, self._data.vocabulary).to(self._device)
@@ -324,7 +337,7 @@ class _Training:
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
     def _save(self) -> None:
-        """Write the log tables, then the state for resuming."""
+        """Write the tables, and after them the state from which training is resumed."""
         if self._world.rank:
             return
         self._log.write(self._out)
@@ -341,11 +354,13 @@ class _Training:
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
-            raise InvalidInputError(str(path), "belongs to another training", _STATE_CURE)
+            raise InvalidInputError(str(path), "the saved state belongs to another training", _STATE_CURE)
         state = read_form(_STATE, about, where=str(path), cure=_STATE_CURE)
         if state.step > self._recipe.steps:
             raise InvalidInputError(
-                f"{path}: step", f"exceeds the {self._recipe.steps} steps of the recipe", _STATE_CURE
+                f"{path}: step",
+                f"the saved state is beyond the {self._recipe.steps} steps of the recipe",
+                _STATE_CURE,
             )
         parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
         for name, tensor in tensors.items():
@@ -365,14 +380,14 @@ class _Training:
             }
         self._log = Log.read(self._out, self._step)
         if state.log not in (None, self._log.digest()):
-            problem = "its tables do not match the saved state"
+            problem = "the tables of the training do not match the saved state"
             raise InvalidInputError(str(self._out), problem, _STATE_CURE)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of a saved training state; files of earlier versions have no digest of the log tables."""
+    """Metadata of a saved training state. Files of earlier versions have no digest of the tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -384,7 +399,7 @@ _STATE = TypeAdapter(_State)
 
 
 def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], where: str) -> None:
-    """Raise InvalidInputError unless tensors match others in names, shapes and types."""
+    """Raise InvalidInputError unless two sets of tensors have the same names, shapes and types."""
     forms = [{n: (tuple(t.shape), t.dtype) for n, t in some.items()} for some in (there, wanted)]
     if forms[0] != forms[1]:
         names = sorted(n for n in forms[0].keys() ^ forms[1].keys()) or ["a shape"]
@@ -392,18 +407,21 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Load a checkpoint's weights. The checkpoint must have the same vocabulary."""
+    """Load the weights of a checkpoint, which must have the same vocabulary as the data."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
     if known is not None:
-        problem = f"its vocabulary differs: {known[0]} is {known[1]} there and {known[2]} in the data"
-        raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint with the same vocabulary")
+        problem = f"its vocabulary differs: {known[0]} is {known[1]} in the checkpoint and {known[2]} in the data"
+        raise InvalidInputError(f"start: {start}", problem, "Start from a checkpoint with the same vocabulary")
     load_weights(network, weights, f"start: {start}")
 
 
 def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
-    """Write the identity of the training into the folder. Raises RunConflictError if the folder has a different one."""
+    """Write the settings of the training into the folder.
+
+    Raises RunConflictError if the folder has different settings.
+    """
     path = out / _RECIPE_NAME
     if path.exists():
         there = read_object(path, max_bytes=_MAX_RECIPE, cure="Choose another folder")
@@ -421,7 +439,7 @@ def _identity(form: Mapping[str, Any]) -> str:
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the training description without input paths, because inputs are identified by their hashes."""
+    """Return the settings without the paths of input files, since inputs are identified by their hashes."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)
@@ -436,12 +454,12 @@ def _require_device(device: str) -> None:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, ValueError) as error:
         problem = f"cannot be used ({' '.join(str(error).split())[:160]})"
-        raise InvalidInputError(f"--device {device}", problem, "Give cpu, or cuda on a machine with a GPU") from error
+        raise InvalidInputError(f"--device {device}", problem, "Use cpu, or cuda on a machine with a GPU") from error
 
 
 @contextlib.contextmanager
 def _deterministic(threads: int) -> Iterator[None]:
-    """Use a fixed number of threads, and restore torch's random state afterward."""
+    """Run the block with a fixed number of threads, and restore torch's random state after it."""
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -453,7 +471,7 @@ def _deterministic(threads: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
-    """Connect the processes of a distributed training; does nothing for a single process."""
+    """Connect the processes of a distributed training while the block runs. Do nothing if there is a single process."""
     if world.size == 1:
         yield
         return
