@@ -524,11 +524,11 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ({"arms": {"a": {"training": 0.5, "balanced": 0.5}}, "demos": 1}, "arms.a.*1 demonstrations are too few for 2"),
         ({"recipe": {"steps": 0}}, "steps"),
         ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*weights that were never trained.*lever with the field start"),
-        ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever with a start"),
+        ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever with the field start"),
         ({"levers": [{"name": "x", "changes": {}, "start": "none"}]}, "levers\\[0\\].start.*'none'"),
         (
             {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "start": "balanced"}]},
-            "lever x.co_training.*other demonstrations",
+            "lever x.co_training.*other questions",
         ),
         (
             {
@@ -568,7 +568,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ({"levers": [{"name": "x", "changes": {}, "questions": -1}]}, "questions"),
         (
             {"levers": [{"name": "x", "changes": {}, "questions": 9, "start": "balanced"}]},
-            "lever x.co_training.*other demonstrations",
+            "lever x.co_training.*other questions",
         ),
         ({"levers": [{"name": "x", "changes": {}, "against": "x"}]}, "levers\\[0\\].against.*'x' is not in the study"),
         (

@@ -15,7 +15,10 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[str, ...]:
-    """Return a variation's words, categories and colors, in this order, that no condition of the regimes contains."""
+    """Return the words, categories and colors of a variation that no condition of the given regimes contains.
+
+    A regime is a training distribution.
+    """
     return _missing(regimes, task, [resolve_condition(task, variation).condition])
 
 
