@@ -197,7 +197,7 @@ def test_an_arm_that_is_not_calibrated_is_not_switched_on(lerobot, monkeypatch):
     ):
         arm_of().connect()
     monkeypatch.setattr(Arm, "calibration", property(lambda _: {"gripper": EMPTY}, lambda *_: None), raising=False)
-    with pytest.raises(RobotError, match=r"gripper has no range \(7 to 7\)"):
+    with pytest.raises(RobotError, match=r"the range of gripper is empty \(7 to 7\)"):
         arm_of().connect()
 
 

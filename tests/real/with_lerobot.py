@@ -289,7 +289,7 @@ def test_an_arm_that_cannot_be_used_is_left_as_it_was(chain, fault, says):
         ("{oops", r"other.json: not a calibration of lerobot .*Rename or delete the file, then run lerobot-calibrate"),
         ('{"gripper": {"id": 6}}', r"other.json: not a calibration of lerobot .*homing_offset"),
         ("{}", r"not calibrated: there is no"),
-        ("flat", r"other.json: shoulder_pan has no range \(7 to 7\)"),
+        ("flat", r"other.json: the range of shoulder_pan is empty \(7 to 7\)"),
         ("five", r"not calibrated: the motors gripper have other values than .*other.json"),
     ],
 )

@@ -407,7 +407,7 @@ def _is_majority(failed: Sequence[TrialDiagnosis], main: Label) -> bool:
 
 
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """If a label explains less than half of the failures of its kind, add this to the conclusion."""
+    """Add a note to a conclusion if its label explains less than half of the failures of its kind."""
     if _is_majority(failed, main):
         return text
     same, kind = _counts(failed, main)

@@ -170,7 +170,7 @@ def test_another_learner_than_that_which_played_is_refused(run, diagnosis, tmp_p
         return ask_about_run(other, run, diagnosis, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"))
 
     stranger = Learner.load(_written(tmp_path / "a", seed=7))
-    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Use the checkpoint that was evaluated"):
+    with pytest.raises(InvalidInputError, match=r"used other weights.*Use the checkpoint that was evaluated"):
         ask(stranger)
     with pytest.raises(InvalidInputError, match=r"trained without questions.*co_training"):
         ask(Learner.load(_written(tmp_path / "b", answers=())))

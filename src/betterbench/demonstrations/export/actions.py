@@ -45,7 +45,9 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     joints = space.dim - 1
     if space.name in JOINT_SPACES and record.act.shape[1] != joints:
         problem = f"{space.name} needs {joints} joint references, but the record has {record.act.shape[1]}"
-        raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
+        raise InvalidInputError(
+            f"record of {record.metadata.task}", problem, "Export it in the action space of the record"
+        )
     if space.name in ROBOT_ACTION_SPACES:
         motion, gripper = record.act[1:] / space.scale[:-1], _openings(record, space)
     elif space.name == JOINT_POSITION.name:
@@ -97,7 +99,9 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         problem = (
             f"its {record.metadata.action_space} actions contain noise, which can only be removed from pose deltas"
         )
-        raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
+        raise InvalidInputError(
+            f"record of {record.metadata.task}", problem, "Export it in the action space of the record"
+        )
     positions = record.commanded_position[:-1] + TRANSLATION_PER_UNIT_M * meant[:, :3]
     turns = (ROTATION_PER_UNIT_RAD * meant[:, 3:6]).tolist()
     before = [_quaternion(values) for values in record.commanded_quaternion[:-1]]

@@ -182,7 +182,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
     for name, digest in told.items():
         with intact(str(path / name)):
             if file_digest(path / name) != digest:
-                raise InvalidInputError(str(path / name), "has changed since it was written", CURE)
+                raise InvalidInputError(str(path / name), "the file has changed since it was written", CURE)
 
 
 def _source(path: Path) -> dict[str, Any]:
@@ -201,7 +201,7 @@ def _source(path: Path) -> dict[str, Any]:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        problem = f"is not a data set of better export ({said})"
+        problem = f"this is not a data set of better export ({said})"
         raise InvalidInputError(str(path), problem, "Pass the folder or file that better export wrote") from error
     form: dict[str, Any] = source
     return form

@@ -64,7 +64,7 @@ def intact(where: str) -> Iterator[None]:
         raise
     except _BROKEN as error:
         said = one_line(error, most=_MOST_OF_A_FIELD) or type(error).__name__
-        raise InvalidInputError(where, f"is damaged ({said})", CURE) from error
+        raise InvalidInputError(where, f"it is damaged ({said})", CURE) from error
 
 
 _BROKEN = (

@@ -76,7 +76,7 @@ class ExpectedDataset:
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):
-            problem = f"{said}, but no validation share splits {len(trials)} episodes like this"
+            problem = f"{said}, but no validation fraction splits {len(trials)} episodes in this way"
             raise InvalidInputError(where, problem, CURE)
         return replace(self.dataset, train=train)
 

@@ -59,7 +59,7 @@ README = "README.md"
 
 @dataclass(frozen=True, slots=True)
 class ExportPlan:
-    """What to export: records, columns, file format and output path.
+    """Description of an export: records, columns, file format and output path.
 
     Attributes:
         runs: Runs that contain the records.
@@ -117,7 +117,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
     The bytes depend only on the plan, not on the number of workers.
 
     Args:
-        plan: What to export.
+        plan: Records, columns, file format and output path.
         workers: Number of worker processes.
         on_progress: Called with the number of exported episodes and the total number.
 

@@ -169,9 +169,11 @@ def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
         spec = observation_spec(known)
         if spec.cameras and set(wanted) <= {camera.name for camera in spec.cameras}:
             return spec
-    problem = f"{name or 'no observation preset'} does not render all of the cameras {', '.join(wanted) or 'at all'}"
+    problem = f"{name or 'every observation preset'} lacks one of the cameras ({', '.join(wanted) or 'at least one'})"
     raise InvalidInputError(
-        "--observation", f"{problem} of the preset {adapter.name}", "Leave out --observation, or use another preset"
+        "--observation",
+        f"{problem} that the preset {adapter.name} needs",
+        "Leave out --observation, or use another preset",
     )
 
 

@@ -122,7 +122,7 @@ class LeRobotCheck(ABC):
 
     def _close(self) -> None:
         if self._frames is not None and self._frames.used != len(self._frames.table):
-            problem = f"has {len(self._frames.table)} rows, but {self._frames.used} belong to episodes"
+            problem = f"it has {len(self._frames.table)} rows, but {self._frames.used} belong to episodes"
             raise InvalidInputError(str(self.path / self._frames.name), problem, CURE)
 
     def _pictures(self, number: int, table: pa.Table) -> ReadPictures:
@@ -190,7 +190,7 @@ class CheckOfV30(LeRobotCheck):
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the video file and the index of the first frame, from the episode's row in ``meta/episodes``."""
+        """Return the video file and the index of the first frame, using the episode's row in ``meta/episodes``."""
         kind = f"videos/{column}"
         first = round(self.listed[number][f"{kind}/from_timestamp"] * self.expected.dataset.rate_hz)
         return lerobot.file_name(kind, self._number(kind, number)), first
@@ -215,14 +215,14 @@ class CheckOfV21(LeRobotCheck):
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
         if number >= len(self._stats):
-            raise InvalidInputError(str(file), f"lists only {len(self._stats)} of the episodes", CURE)
+            raise InvalidInputError(str(file), f"it lists only {len(self._stats)} of the episodes", CURE)
         stats = lerobot_v21.stats_line(number, self.expected.episode_stats(part))
         require_match(self._stats[number], stats, f"{file}: line {number + 1}")
 
     def compare_meta(self, dataset: Dataset) -> None:
         """Compare instructions, subgoals, statistics, GR00T's ``modality.json`` and ``info.json``."""
         if len(self._stats) != len(self.listed):
-            problem = f"lists {len(self._stats)} episodes, but there are {len(self.listed)}"
+            problem = f"it lists {len(self._stats)} episodes, but there are {len(self.listed)}"
             raise InvalidInputError(str(self.path / lerobot_v21.EPISODES_STATS_FILE), problem, CURE)
         for file, lines in lerobot_v21.index_lines(dataset).items():
             require_match(_lines(self.path / file), lines, str(self.path / file))
@@ -254,7 +254,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
         check = (CheckOfV30 if version == "v3.0" else CheckOfV21)(path, expected, info)
     if len(check.listed) != episodes or not all(isinstance(row, dict) for row in check.listed):
         raise InvalidInputError(
-            str(path / "meta"), f"lists {len(check.listed)} episodes, but there are {episodes}", CURE
+            str(path / "meta"), f"it lists {len(check.listed)} episodes, but there are {episodes}", CURE
         )
     return check
 
@@ -262,7 +262,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
     """Compare the frames of an episode. For images, only the file names are compared."""
     if len(table) != len(wanted):
-        raise InvalidInputError(where, f"has {len(table)} rows, expected {len(wanted)}", CURE)
+        raise InvalidInputError(where, f"it has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:
         if name == EVENTS:
             continue
@@ -309,4 +309,4 @@ def _read(path: Path) -> bytes:
     try:
         return read_ordinary(path)
     except OSError as error:
-        raise InvalidInputError(str(path), f"cannot be read ({error.strerror})", CURE) from error
+        raise InvalidInputError(str(path), f"the file cannot be read ({error.strerror})", CURE) from error

@@ -77,7 +77,7 @@ def select_demonstrations(
         where = ", ".join(str(run.path) for run in runs)
         raise InvalidInputError(
             where,
-            f"contains none of the requested demonstrations ({listed})",
+            f"no requested demonstration was found ({listed})",
             "Use a run with successful trials of training conditions, or include trials of test variations "
             "(--variations of better export, or variations: true in a recipe of better train)",
         )

@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """How well the accepted demonstrations of a training condition cover its possible initial states."""
+    """Coverage of the possible initial states of a training condition by its accepted demonstrations."""
 
     condition: str
     demonstrations: int

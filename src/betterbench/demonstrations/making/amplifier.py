@@ -27,8 +27,8 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""How a source demonstration is chosen: at random, by the most similar pose of the object, or by the motion that begins
-closest to the arm.
+"""Method of choosing a source demonstration: at random, by the most similar pose of the object, or by the motion that
+begins closest to the arm.
 """
 
 NEAREST, NEAREST_SHARE = 3, 0.5
@@ -77,7 +77,7 @@ class AmplifierSettings:
     """Settings for the transfer of source demonstrations to a new scene.
 
     Attributes:
-        select: How the source of each subgoal is chosen.
+        select: Method of choosing the source demonstration for each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
             rotation (0.5 rad). The gripper command has no noise. No noise is added while the arm settles or the gripper
             moves.
@@ -240,7 +240,7 @@ class Amplifier:
         The motion is taken from the first source demonstration whose skill fits the scene.
         """
         if window.kind == "place" and state.held != window.object:
-            raise AttemptFailedError("dropped", f"the gripper lost {window.object} on the way to {window.target}")
+            raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
         key = key_of(state.info, window, out=slide_m > 0.0)
         held = window.object if window.kind == "place" else None

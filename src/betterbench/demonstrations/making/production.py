@@ -77,7 +77,7 @@ MOST_WORKERS = 256
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """How the demonstrations of a run are made. The description can be pickled, so that it can be sent to workers.
+    """Method by which the demonstrations of a run are made. It can be pickled, so that it can be sent to workers.
 
     Attributes:
         policy: Policy name in the records, which names the expert or the amplifier.

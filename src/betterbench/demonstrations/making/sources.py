@@ -184,7 +184,7 @@ def _require_version(record: Record, where: str) -> None:
     for what, there, now in versions:
         if there != now:
             raise RecordError(
-                f"{where}: was recorded with version {one_line(there)} of the {what}, but this is version {now}. "
+                f"{where}: it was recorded with version {one_line(there)} of the {what}, but this is version {now}. "
                 "Collect the demonstrations again."
             )
 

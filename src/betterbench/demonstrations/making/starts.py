@@ -207,7 +207,7 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """How well the levels of a factor are covered by initial states.
+    """Coverage of the levels of a factor by initial states.
 
     Attributes:
         counts: Number of initial states at each level.

@@ -22,7 +22,7 @@ CHECK_RAD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """How a transit differs from the transit of the source demonstration.
+    """Variation of a transit: its differences from the transit of the source demonstration.
 
     Attributes:
         aside_m: Displacement of the midpoint to the left, as seen from above [m].

@@ -81,7 +81,7 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """How much the demonstrations of a condition differ in one motion.
+    """Variety of the demonstrations of a condition in one motion, i.e. how much they differ.
 
     A motion ends with a grasp, or leads from a grasp to the release.
 
@@ -102,7 +102,7 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """How much the demonstrations of a task differ.
+    """Variety of the demonstrations of a task, i.e. how much they differ.
 
     Attributes:
         task: Task name.

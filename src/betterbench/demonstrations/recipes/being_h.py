@@ -207,7 +207,7 @@ def _module(training: Training, group: str, *, ours: bool) -> str:
     sources = "\n".join(f"            {key!r}: {name!r}," for key, name in columns.items())
     places = {data.name: {"dataset_path": data.place} for data in training.data}
     if len(places) < len(training.data):
-        raise InvalidInputError("--data", "two data sets are in folders of the same name", "Rename one folder")
+        raise InvalidInputError("--data", "two data sets are in folders of the same name", "Rename one of the folders")
     own = (
         f'''
     class BetterDataConfig(data_config.LiberoNoNormDataConfig):

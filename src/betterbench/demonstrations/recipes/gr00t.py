@@ -153,7 +153,7 @@ def _flags(settings: tuple[Setting, ...]) -> list[tuple[str, str]]:
 def _modality_file(chunk: int) -> str:
     found = modality(layout_of(PRESET))
     if found is None:
-        raise InvalidInputError("preset", f"{PRESET} has columns that GR00T does not read", "Report this")
+        raise InvalidInputError("preset", f"{PRESET} has columns that GR00T does not read", "Report this as a bug")
     (annotation,) = found["annotation"]
     actions = list(found["action"])
     texts = {"video": _quoted(found["video"]), "state": _quoted(found["state"]), "actions": _quoted(actions)}

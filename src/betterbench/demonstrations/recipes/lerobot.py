@@ -55,7 +55,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     """
     recipe, data, policy = training.recipe, training.only_data, training.policy
     if policy not in _POLICIES:
-        raise UnknownNameError("policy of LeRobot", policy, _POLICIES)
+        raise UnknownNameError("LeRobot policy", policy, _POLICIES)
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",

@@ -19,7 +19,7 @@ Backbone = Literal["vision", "language"]
 Benchmark = Literal["better", "libero", "calvin", "real"]
 RecipeName = Literal["better", "libero", "calvin", "real_arm"]
 Origin = Literal["paper", "upstream", "recipe", "ours"]
-"""Where a value comes from: the paper, the framework's own recipe ("upstream"), the user's recipe file, or betterbench
+"""Origin of a value: the paper, the framework's own recipe ("upstream"), the user's recipe file, or betterbench
 ("ours").
 """
 

@@ -21,8 +21,8 @@ from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.tasks import get_task
 
 SOURCE_FILE = Path("meta/betterbench.json")
-_CURE = "Give a folder written by better export, or a folder that does not exist yet"
-_RECORD_AGAIN = "Give a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
+_CURE = "Use a folder that better export wrote, or a folder that does not exist yet"
+_RECORD_AGAIN = "Use a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
 _MAX_META_BYTES = 1 << 28
 REAL_CAMERAS = ("front", "wrist")
 SO101_COLUMNS = SO101_DEGREES.components
@@ -124,7 +124,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 @dataclass(frozen=True, slots=True)
 class TrainerSetup:
-    """Everything needed to train with a framework: files, configuration fields, commands and manual checks.
+    """Setup for training with a framework: files, configuration fields, commands and manual checks.
 
     Attributes:
         framework: Name of the framework.
@@ -425,7 +425,7 @@ def exposure(training: Training) -> str:
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch
-    told = f"{training.recipe.steps:,} steps of {training.recipe.batch} are {samples:,} samples"
+    told = f"{training.recipe.steps:,} steps with a batch size of {training.recipe.batch} use {samples:,} samples"
     if not known or len(known) < len(frames):
         return told + "."
     return f"{told}: {samples / sum(known):.1f} passes over the {sum(known):,} frames of the data."

@@ -25,7 +25,7 @@ from betterbench.version import __version__
 RECIPE_VERSION = 1
 """Version of the procedure that makes a training set from a recipe."""
 _MAX_BYTES = 1 << 20
-_CURE = "Give the --out folder of better dataset"
+_CURE = "Use the --out folder of better dataset"
 
 
 @strict_form
@@ -77,7 +77,7 @@ class SetRecipe:
         require_between("--noise", self.noise, 0.0, 0.5)
         require_between("--validation", self.validation, 0.0, 0.9)
         if not self.tasks:
-            raise InvalidInputError("--tasks", "no task is given", "Give at least one task")
+            raise InvalidInputError("--tasks", "no task is given", "Name at least one task")
 
     def command(self, sha256: str, *, out: str = "DATASET") -> str:
         """Return the command that reproduces the training set and compares its hash.

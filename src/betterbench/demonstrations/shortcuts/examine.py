@@ -103,7 +103,7 @@ such as the meaning of a word. "none" means that no association was both signifi
 """
 
 Rules = Mapping[str, Counter[str]]
-"""How often each second value occurs with each first value: counts of the second values by first value."""
+"""Counts of how often each second value occurs with each first value."""
 
 
 @dataclass(frozen=True, slots=True)

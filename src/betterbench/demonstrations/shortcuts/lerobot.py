@@ -150,7 +150,7 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     if not arms:
         shown = ", ".join(grip.number.shown for grip in grips)
         raise InvalidInputError(
-            str(path), f"the gripper ({shown}) never moves", "Give the gripper's component with --gripper"
+            str(path), f"the gripper ({shown}) never moves", "Choose another component with --gripper"
         )
     name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
     facts: list[EpisodeFacts] = []
@@ -182,7 +182,7 @@ def _says_steps(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Where a data set stores its instructions.
+    """Location of the instructions in a data set.
 
     Attributes:
         column: Column of the frames that holds the instruction or its index.
@@ -218,7 +218,7 @@ class _Said:
 
     @property
     def source(self) -> str:
-        """Where the instructions are stored, as text."""
+        """Location of the instructions, as text."""
         if self.tasks is None:
             return f"column {self.column} of the frames"
         return f"{self.tasks.source}, by {self.column} of the frames"
@@ -243,7 +243,7 @@ class _Said:
             if unknown:
                 raise RecordError(
                     f"{file}: {self.column} has {unknown[0]}, but {self.tasks.source} has no such task. "
-                    "Write the file of tasks again."
+                    "Add the task to this file, or correct the index."
                 )
             listed = [self.tasks.texts[int(n)] for n in unique]
             codes = np.full(len(values), len(listed) + 1, dtype=np.int64)
@@ -329,9 +329,9 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     _require_mostly_usable(path, found.odd, found.there)
     if not found.episodes and found.silent:
         problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
-        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Give another column with --instruction")
+        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Choose another column with --instruction")
     if not found.episodes:
-        raise InvalidInputError(str(path / "data"), "it contains no episode of two frames or more", CURE)
+        raise InvalidInputError(str(path / "data"), "it contains no episode with at least two frames", CURE)
     return found
 
 
@@ -341,7 +341,7 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
     if 2 * count > of:
         reason = next(iter(odd))
         problem = f"{count:,} of {how_many(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
-        cure = "Give other columns with --gripper, --place or --instruction, or correct these numbers"
+        cure = "Choose other columns with --gripper, --place or --instruction, or correct these numbers"
         raise InvalidInputError(str(path), problem, cure)
 
 

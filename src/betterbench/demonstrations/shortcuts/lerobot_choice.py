@@ -115,8 +115,8 @@ def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
     if not found:
         raise InvalidInputError(columns.where, _why_no_gripper(columns), _cure_gripper(columns))
     if len(found) > 1 and "" in found:
-        problem = f"only some of the grippers name an arm: {', '.join(grip.number.shown for grip in found.values())}"
-        raise InvalidInputError(columns.where, problem, "Give one gripper per arm with --gripper")
+        problem = f"only some grippers name their arm: {', '.join(grip.number.shown for grip in found.values())}"
+        raise InvalidInputError(columns.where, problem, "Choose one component per arm with --gripper")
     return tuple(found[arm] for arm in sorted(found))
 
 
@@ -125,11 +125,11 @@ def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
     for text in named:
         numbers = named_numbers("--gripper", text, columns.numbers)
         if len(numbers) != 1:
-            problem = f"{one_line(text, most=80)} has {len(numbers)} numbers"
+            problem = f"{one_line(text, most=80)} has {len(numbers)} components"
             which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (
                 ", ..." if len(numbers) > MOST_SHOWN else ""
             )
-            cure = f"Choose one of them as COLUMN[N], where N is its index ({which})" if which else "Give a number"
+            cure = f"Choose one of them as COLUMN[N], where N is its index ({which})" if which else "Write an index"
             raise InvalidInputError("--gripper", problem, cure)
         found.append(Grip(_arm(numbers[0]), numbers[0], "--gripper"))
     if len({grip.arm for grip in found}) < len(found):
@@ -165,7 +165,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
             shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
-            problem = f"{len(group)} components of {column} have the name of a gripper: {shown}"
+            problem = f"{len(group)} components of {column} are named like a gripper: {shown}"
             cure = f"Choose one with --gripper '{column}[N]', where N is its index in brackets"
             raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
@@ -179,9 +179,12 @@ def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) 
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
             problem = (
-                f"{number.column}[{number.index}] is a gripper by {part.by}, and {one_line(label, most=80)!r} by {by}"
+                f"{number.column}[{number.index}] is a gripper according to {part.by}, but "
+                f"{one_line(label, most=80)!r} according to {by}"
             )
-            raise InvalidInputError(columns.where, problem, "Correct one of them, or choose one with --gripper")
+            raise InvalidInputError(
+                columns.where, problem, "Correct one of these names, or choose the gripper with --gripper"
+            )
 
 
 def _why_no_gripper(columns: Columns) -> str:
@@ -203,7 +206,7 @@ def _cure_gripper(columns: Columns) -> str:
     pool = columns.actions or columns.states
     column = pool[0] if pool else "COLUMN"
     counted = f" ({_span(len(columns.numbers[column]))})" if pool else ", counted from 0"
-    told = f"--gripper '{column}[N]', where N is the number that closes the gripper{counted}"
+    told = f"--gripper '{column}[N]', where N is the index of the component that closes the gripper{counted}"
     return f"Choose the gripper with {told}, or with --gripper '{column}:NAME'"
 
 
@@ -236,8 +239,8 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]
     each, rest = divmod(len(numbers), len(grips))
     if rest or each < 2:
-        problem = f"{len(numbers)} numbers are given for {len(grips)} grippers"
-        raise InvalidInputError("--place", problem, "Give two or three numbers (x, y, z) per gripper, in their order")
+        problem = f"the number of components ({len(numbers)}) does not fit the number of grippers ({len(grips)})"
+        raise InvalidInputError("--place", problem, "Name two or three components (x, y, z) for each gripper, in order")
     space = "steps" if sums == {True} else "position" if each <= 3 else "numbers"
     cut = [tuple(numbers[i * each : (i + 1) * each]) for i in range(len(grips))]
     return tuple(ArmPlace(grip.arm, some, space, "--place") for grip, some in zip(grips, cut, strict=True))
@@ -308,7 +311,7 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
             shown = ", ".join(f"{column}[{n.index}]" for n, _ in numbers[:MOST_SHOWN])
             of = f" of the {arm} arm" if arm else ""
             problem = f"{len(numbers)} components{of} have the name {axis}: {shown}"
-            raise InvalidInputError(columns.where, problem, "Choose the numbers with --place, x first, then y")
+            raise InvalidInputError(columns.where, problem, "Choose the components with --place, first x, then y")
     return tuple(n for axis in "xyz" for n, _ in found[axis]), found["x"][0][1].by
 
 
@@ -318,12 +321,12 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     Raises InvalidInputError if there are several grippers, if some components have names, or if there is no state
     column.
     """
-    syntax = "with its own column and numbers, x first, counted from 0"
-    cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
+    syntax = "with your column and the indices of x, y and z, counted from 0"
+    cure = f"Choose the position of the gripper with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:
         problem = "the dataset has no proprioception (observation.state)"
-        more = f", or --place '+COLUMN[0,1,2]', {syntax}, if the actions are steps of the tool"
-        raise InvalidInputError(columns.where, problem, "Give a dataset with proprioception" + more)
+        more = f", or --place '+COLUMN[0,1,2]', {syntax}, if each action is a displacement of the tool"
+        raise InvalidInputError(columns.where, problem, "Use a dataset with proprioception" + more)
     column = next((name for name in _STATES if name in columns.numbers), columns.states[0])
     pairs = columns.pairs(column)
     left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]

@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError, one_line
 from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_object
 
-CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
+CURE = "Use the folder of a LeRobot dataset, which contains meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"
 """First bytes of a Git LFS pointer file."""
 FETCH = "It is a Git LFS pointer instead of the file itself. Run git lfs pull in the dataset"
@@ -215,7 +215,7 @@ def _tasks(where: Path, rows: Mapping[str, list[Any]], column: str | None) -> Ta
     if column is not None and column not in texts:
         raise UnknownNameError("column with instructions", column, texts)
     if chosen is None and texts:
-        problem = f"there is no column task; candidates are {', '.join(map(one_line, texts[:8]))}"
+        problem = f"there is no column named task; candidates are {', '.join(map(one_line, texts[:8]))}"
         raise RecordError(f"{where}: {problem}. Choose one with --instruction COLUMN.")
     if chosen is None:
         raise ValueError("it has no column with instructions")
@@ -390,7 +390,7 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
     """Raise RecordError if a column contains a value that is not finite."""
     bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
     if bad.size:
-        raise RecordError(f"{file}: {name} is not a finite number in row {bad[0]}. Correct or remove this row.")
+        raise RecordError(f"{file}: the value of {name} is not finite in row {bad[0]}. Correct or remove this row.")
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
@@ -405,7 +405,7 @@ def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, lis
             return None
         if any(count != 1 for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
             problem = f"{name} does not have exactly one string in each row"
-            raise RecordError(f"{file}: {problem}. Give a column with one instruction per frame.")
+            raise RecordError(f"{file}: {problem}. Choose a column with one instruction per frame.")
         flat = flat.flatten()
     if not _is_text(flat.type):
         return None

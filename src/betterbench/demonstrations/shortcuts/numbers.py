@@ -255,7 +255,7 @@ def find_column(option: str, name: str, known: Iterable[str]) -> str:
     """
     columns = list(known)
     if name not in columns:
-        raise UnknownNameError(f"column of {option}", name, columns)
+        raise UnknownNameError(f"column in {option}", name, columns)
     return name
 
 
@@ -274,16 +274,16 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
         chosen = re.findall(r"\d+", indexed.group(2))
         for i in chosen:
             if len(i) > _MOST_DIGITS or int(i) >= len(numbers):
-                problem = f"{indexed.group(1)} has {len(numbers)} numbers; {one_line(i, most=20)} does not exist"
-                raise InvalidInputError(option, problem, f"Give an index from 0 to {len(numbers) - 1}")
+                problem = f"{indexed.group(1)} has {len(numbers)} components, so {one_line(i, most=20)} does not exist"
+                raise InvalidInputError(option, problem, f"Use an index from 0 to {len(numbers) - 1}")
         return tuple(numbers[int(i)] for i in chosen)
     column, colon, name = text.partition(":")
     numbers = columns[find_column(option, column, columns)]
     found = [n for n in numbers if name in (n.name, *n.labels)]
     if not colon or not found:
-        raise UnknownNameError(f"number of {column}", name, {n.name or str(n.index) for n in numbers})
+        raise UnknownNameError(f"component of {column}", name, {n.name or str(n.index) for n in numbers})
     if len(found) > 1:
         problem = f"{len(found)} components of {column} have the name {one_line(name, most=80)!r}"
         which = ", ".join(str(n.index) for n in found[:8])
-        raise InvalidInputError(option, problem, f"Give {column}[N], where N is one of {which}")
+        raise InvalidInputError(option, problem, f"Write {column}[N], where N is one of {which}")
     return (found[0],)

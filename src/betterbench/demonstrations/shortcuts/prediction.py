@@ -86,7 +86,7 @@ For each variation, only labels that are possible in the variation are used.
 NAMESPACE = "betterbench-prediction"
 """Namespace of the signatures that ``ssh-keygen -Y`` makes."""
 _MAX_BYTES = 8 * 1024 * 1024
-_CURE = "Give a file written by better dataset or better shortcuts"
+_CURE = "Use a file that better dataset or better shortcuts wrote"
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -221,7 +221,7 @@ def read_prediction(path: Path) -> Prediction:
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     found = read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)
     if found.sealed().sha256 != found.sha256:
-        raise RecordError(f"{path}: the file was changed after it was written, because its hash differs. {_CURE}.")
+        raise RecordError(f"{path}: its hash does not match, so the file was changed after it was written. {_CURE}.")
     return found
 
 
@@ -249,7 +249,7 @@ def sign(path: Path, key: Path) -> Path:
         open_ordinary(key).close()  # ssh-keygen would wait for a named pipe
     except (OSError, ValueError) as error:
         problem = f"{key} cannot be read ({getattr(error, 'strerror', None) or error})"
-        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key") from error
+        raise InvalidInputError("--sign", problem, "Pass the file of a private SSH key") from error
     command = ["ssh-keygen", "-Y", "sign", "-n", NAMESPACE, "-f", str(key)]
     try:
         done = subprocess.run(  # noqa: S603 - the user's own key; the file goes in, and the signature comes out
@@ -260,6 +260,6 @@ def sign(path: Path, key: Path) -> Path:
         raise MissingDependencyError(problem) from error
     if done.returncode or not done.stdout:
         problem = last_line(done.stderr.decode(errors="replace")) or f"ssh-keygen ended with {done.returncode}"
-        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key without a passphrase")
+        raise InvalidInputError("--sign", problem, "Pass the file of a private SSH key without a passphrase")
     write_durably(signature, done.stdout)
     return signature

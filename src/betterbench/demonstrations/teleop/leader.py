@@ -196,7 +196,9 @@ def _angle(degrees: Mapping[str, float], name: str) -> float:
     """Return the angle of a joint [degree]. Raise InvalidInputError if it is missing or not finite."""
     angle = degrees.get(name, math.nan)
     if not math.isfinite(angle):
-        raise InvalidInputError("leader arm", f"{name} is {angle}", "Check its cables and its calibration")
+        raise InvalidInputError(
+            "leader arm", f"the angle of {name} is {angle}", "Check the cables and the calibration of the arm"
+        )
     return angle
 
 
@@ -213,7 +215,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
         InvalidInputError: If the kind of arm is unknown, or the arm cannot be reached or is not calibrated.
     """
     if kind not in LEADERS:
-        raise InvalidInputError("--leader", f"{kind!r} is unknown", f"Use one of {', '.join(LEADERS)}")
+        raise InvalidInputError("--leader", f"{kind!r} is not supported", f"Use one of {', '.join(LEADERS)}")
     if not port:
         raise InvalidInputError("--leader", "the serial port is missing", "Pass --leader-port, such as /dev/ttyACM0")
     leader = ArmKind("teleoperators", kind, "so_leader")
@@ -224,7 +226,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
     except CalibrationError:
         raise
     except Exception as problem:
-        cure = "Check that it is plugged in and powered, and that --leader-port names it (lerobot-find-port)"
+        cure = "Check that the arm is plugged in and powered, and that --leader-port is its port (lerobot-find-port)"
         raise InvalidInputError("--leader-port", f"{port}: {failure(problem, port)}", cure) from problem
     return made
 
@@ -295,5 +297,7 @@ class LeaderThread:
         read = {name.removesuffix(".pos"): float(v) for name, v in self._leader.get_action().items()}
         gripper = read.get("gripper", math.nan)
         if not math.isfinite(gripper):
-            raise InvalidInputError("leader arm", f"gripper is {gripper}", "Check its cables")
+            raise InvalidInputError(
+                "leader arm", f"the position of the gripper is {gripper}", "Check the cables of the arm"
+            )
         return self._motion.tool(read), gripper

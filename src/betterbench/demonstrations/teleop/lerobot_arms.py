@@ -131,7 +131,7 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
         raise CalibrationError(f"{kind.name} {arm.id!r}", f"not calibrated: there is no {file}", f"Run {call}")
     for motor, kept in arm.calibration.items():
         if kept.range_min >= kept.range_max:
-            told = f"{motor} has no range ({kept.range_min} to {kept.range_max})"
+            told = f"the range of {motor} is empty ({kept.range_min} to {kept.range_max})"
             raise CalibrationError(str(file), told, f"Run {call}")
     try:
         arm.bus.connect()

@@ -126,7 +126,7 @@ class RepeatedFinding:
 
 @dataclass(frozen=True, slots=True)
 class WordFinding:
-    """How often learners change the target of their first grasp attempt when only the instruction changes."""
+    """Rate at which learners change the target of their first grasp attempt when only the instruction changes."""
 
     arm: str
     changed: Figure
@@ -135,7 +135,7 @@ class WordFinding:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFinding:
-    """How well the audit predicted, before training, the failures of the confounded learners.
+    """Accuracy of the audit's prediction, made before training, of the failures of the confounded learners.
 
     Attributes:
         area: Probability that a failed variation had a higher predicted risk than a solved one (AUROC). ``n`` is the

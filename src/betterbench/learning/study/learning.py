@@ -181,9 +181,9 @@ def require_weights(place: Path, digest: str) -> None:
     path = place / CHECKPOINT if place.is_dir() else place
     there = file_digest(path) if path.is_file() else None
     if there != digest:
-        problem = "is missing" if there is None else "contains other weights than those trained by this study"
+        problem = "it is missing" if there is None else "it contains other weights than those trained by this study"
         raise RecordError(
-            f"{path}: {problem}. Put the checkpoint back, or run a new study into another folder; nothing was deleted."
+            f"{path}: {problem}. Put the checkpoint back, or run a new study in another folder; nothing was deleted."
         )
 
 

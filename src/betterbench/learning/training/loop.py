@@ -57,8 +57,8 @@ _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
 _STATE_CURE = "Train into another folder, or restore the file"
 _CURES = {
-    "torch": "Continue with that version of torch",
-    "device": "Continue with that --device",
+    "torch": "Continue with the same version of torch",
+    "device": "Continue with the same --device",
     "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
@@ -403,7 +403,9 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
     forms = [{n: (tuple(t.shape), t.dtype) for n, t in some.items()} for some in (there, wanted)]
     if forms[0] != forms[1]:
         names = sorted(n for n in forms[0].keys() ^ forms[1].keys()) or ["a shape"]
-        raise InvalidInputError(where, f"does not fit the learner ({one_line(names[0], most=80)} differs)", _STATE_CURE)
+        raise InvalidInputError(
+            where, f"it does not fit the learner ({one_line(names[0], most=80)} differs)", _STATE_CURE
+        )
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
@@ -453,7 +455,7 @@ def _require_device(device: str) -> None:
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, ValueError) as error:
-        problem = f"cannot be used ({' '.join(str(error).split())[:160]})"
+        problem = f"this device cannot be used ({' '.join(str(error).split())[:160]})"
         raise InvalidInputError(f"--device {device}", problem, "Use cpu, or cuda on a machine with a GPU") from error
 
 

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 def _require(options: ModelOptions) -> None:
     if not options.own_set:
-        cure = "Evaluate it on a set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
+        cure = "Use a question set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
         raise InvalidInputError("--model", "a learner can only answer questions about recorded trials", cure)
     needed = (("--data", options.data, "set of better vqa"), ("--records", options.records, "run of that set"))
     for option, path, what in needed:
         if path is None:
             raise InvalidInputError(
-                option, "is missing, but a learner needs recorded states to answer questions", f"Pass the {what}"
+                option, "is missing; a learner needs recorded states to answer questions", f"Pass the {what}"
             )
     given = {"--eyes": options.eyes is not Eyes.NATIVE, "--coordinates": options.coordinates is not None}
     for option, is_given in given.items():
@@ -34,7 +34,7 @@ def _require(options: ModelOptions) -> None:
 def _make(options: ModelOptions, cache: ReplyCache | None) -> Model:
     del cache  # only requests to an endpoint are stored
     if options.data is None or options.records is None:
-        raise ValueError("a learner requires a set and its run")
+        raise ValueError("a learner requires a question set and the run that the questions are about")
     from betterbench.learning.training.answering import LearnerModel
     from betterbench.policies.kinds.learned import LEARNED
     from betterbench.policies.learned.loading import load_learner

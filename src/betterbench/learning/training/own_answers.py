@@ -77,7 +77,7 @@ class OwnAnswer:
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswers:
-    """How often a learner answered correctly about the trials of one condition.
+    """Rates of a learner's correct answers about the trials of one condition.
 
     Attributes:
         where: Task with the name of the variation or of the training condition.
@@ -245,5 +245,5 @@ def _require_asked(learner: Learner, run: RunFolder) -> None:
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if played != f"sha256 {learner.fingerprint}":
-        problem = f"{run.path} is a run of {'other weights' if played else 'another kind of policy'}"
+        problem = f"the run {run.path} used {'other weights' if played else 'another kind of policy'}"
         raise InvalidInputError("--learner", problem, "Use the checkpoint that was evaluated in this run")

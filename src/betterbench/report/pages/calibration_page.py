@@ -1,4 +1,4 @@
-"""Calibration page: the confusion matrix as image and table, every wrong label, and the results of blind policies."""
+"""Page about a calibration: confusion matrix, wrong labels, and results of policies that lack vision or instruction."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
 
 
 def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
-    """Return sentences on the variations that can be solved blind, before and after the correction."""
+    """Return sentences about variations that can be solved blind, before and after correcting for multiple tests."""
     said = []
     for mark, chosen in (
         (f"After Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
