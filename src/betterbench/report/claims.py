@@ -98,7 +98,7 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Test the claim that a policy often fails in this way in training, for a run without variations.
+    """Test the claim that one kind of failure is frequent in training, for a run without variations.
 
     Args:
         count: Number of training trials with this kind of failure.
@@ -157,10 +157,10 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Test the claim that a policy fails in its main way more often than by chance.
+    """Test the claim that the most frequent kind of failure occurs more often than by chance.
 
-    The claim is supported if variations are solved less often than their training twins, either by the test of the
-    illusion gap or by a verdict of a run until decided. It is also supported if significantly more than
+    The claim is supported if variations are solved less often than the training trials with the same seeds, either by
+    the test of the illusion gap or by a verdict of a run until decided. It is also supported if significantly more than
     :data:`USUAL_SHARE` of the variation trials fail, regardless of training.
 
     Args:

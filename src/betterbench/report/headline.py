@@ -243,7 +243,10 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a slot rule only ever led to look-alikes of the target, and was violated in other trials."""
+    """Return whether a rule about slots only ever led to objects that look like the target.
+
+    The rule must also have been violated in other trials.
+    """
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)

@@ -162,7 +162,7 @@ def _variation_row(
 def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
     """Return the instruction of the training condition from which a variation trial is derived.
 
-    It is taken from the task or, if the task is unknown, from a training twin.
+    It is taken from the task or, if the task is unknown, from a training trial with the same seed.
     """
     known = task_of(trial.task)
     told = next((c.instruction.text for c in known.training if c.name == trial.condition), "") if known else ""

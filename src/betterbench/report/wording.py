@@ -57,7 +57,9 @@ class Figure:
 
     @classmethod
     def gap(cls, diagnosis: RunDiagnosis, scope: str) -> Figure:
-        """Return the illusion gap with its two rates: success of the training twins and success of the variations.
+        """Return the illusion gap: success rate of training trials minus that of variation trials with the same seeds.
+
+        Both rates are included.
 
         Args:
             diagnosis: Diagnosis of the run.
@@ -85,7 +87,7 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates of a difference, e.g. "twins 67 %, variations 56 %". Return "" if there are none."""
+        """Return the two rates behind a difference, e.g. "twins 67 %, variations 56 %". Return "" if there are none."""
         if self.sides is None or self.missing:
             return ""
         twins, paired = (side.with_unit(self.digits) for side in self.sides)

@@ -42,7 +42,8 @@ class ExpectedDataset:
             record: Record of the episode.
             digest: SHA-256 of the record.
             numbers: Frames of the episode without images.
-            pairs: Ids of the pairs of twins that the episode belongs to; None if the data set does not list pairs.
+            pairs: Ids of the pairs of twins (demonstrations with the same initial state and different instructions)
+                that the episode belongs to; None if the data set does not list pairs.
         """
         rate, before = round(record.metadata.control_rate_hz), self.dataset.episodes
         if before and rate != self.dataset.rate_hz:

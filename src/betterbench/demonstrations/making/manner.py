@@ -70,7 +70,7 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Draw a motion style from a random stream.
 
     Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle,
-    and sometimes close the gripper too early. The ranges were chosen by us and not measured.
+    and sometimes close the gripper too early. The ranges are assumptions and were not measured.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),

@@ -128,7 +128,7 @@ class Method:
     def replacement(self, start: Start, round_: int) -> Start | None:
         """Return the initial state that replaces an abandoned one. Return None if there is no further replacement.
 
-        If conditions share their seeds (``twins``), initial states are not replaced.
+        Initial states are not replaced if ``twins`` is set, i.e. if conditions share their seeds.
         """
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 

@@ -108,7 +108,7 @@ def make_dataset(
 
 
 def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures: bool) -> MadeDataset:
-    """Make the set while its folder is locked."""
+    """Make a training set in its folder, which the caller has locked."""
     keep_recipe(recipe, out)
     (out / "dataset.json").unlink(missing_ok=True)
     run = _demonstrations(recipe, out, workers, tell)

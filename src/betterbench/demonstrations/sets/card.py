@@ -122,7 +122,10 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
-    """Yield one section per task, with its picture, the independently varied factors, and the pairs of twins."""
+    """Yield one section per task, with its picture, the independently varied factors, and the number of twins.
+
+    Twins are demonstrations with the same initial state and different instructions.
+    """
     pairs = pairs_by_task(facts.pairs)
     for task in recipe.tasks:
         yield from ("", f"## {markdown_text(task)}", "")

@@ -47,7 +47,7 @@ def _pairs_of(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TwinPair]:
 
 
 def shared_rows(first: Record, second: Record) -> int:
-    """Return how many rows from the start two records share, i.e. have the same states, commands and actions."""
+    """Count the rows at the beginning in which two records have the same states, commands and actions."""
     rows = min(len(first), len(second))
     same = np.ones(rows, dtype=bool)
     for name in ("qpos", "qvel", "ctrl", "action"):
@@ -60,7 +60,7 @@ def shared_rows(first: Record, second: Record) -> int:
 
 
 def pairs_by_task(pairs: Iterable[TwinPair]) -> Mapping[str, list[TwinPair]]:
-    """Group pairs of twins by task."""
+    """Group pairs of twins (demonstrations with the same initial state and different instructions) by task."""
     found: dict[str, list[TwinPair]] = {}
     for pair in pairs:
         found.setdefault(pair.task, []).append(pair)

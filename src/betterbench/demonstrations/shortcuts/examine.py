@@ -475,7 +475,7 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return the findings on complete instructions. They must tell more than their single words and word pairs.
+    """Return the findings on complete instructions that tell more than their single words and word pairs.
 
     Args:
         group: Group of demonstrations.

@@ -356,7 +356,10 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 
 
 def reworded(task: str) -> tuple[str, ...]:
-    """Return the variations that have the same scene as their training twin but name another first object."""
+    """Return the variations that differ from their training condition only in the instruction.
+
+    The instruction of such a variation names another first object.
+    """
     found = []
     for variation in get_task(task).variations:
         twin = resolve_condition(task, variation.base).condition

@@ -17,7 +17,7 @@ class LeverRow:
     """Results of the learners with one recipe.
 
     Attributes:
-        found: Results on all tasks of these learners. Its ``lever`` is "" for the unchanged recipe.
+        found: Results on all tasks of these learners.
         axes: Success rate on the variations of each axis, by axis name.
         against: Difference from the learners that they are compared with, over trials with the same tasks and training
             seeds; None for the unchanged recipe.

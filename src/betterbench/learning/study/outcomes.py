@@ -38,7 +38,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """Training condition and seed, which a variation trial shares with its training twin."""
+        """Training condition and seed, by which a variation trial is matched with its training trial."""
         return self.condition, self.seed
 
 
@@ -59,9 +59,9 @@ class LearnerOutcome:
         return [t for t in self.trials if t.variation is not None]
 
     def pairs(self, variation: str | None = None) -> list[tuple[TrialOutcome, TrialOutcome]]:
-        """Return each trial of a variation together with its training twin, as (twin, trial).
+        """Return pairs of a training trial and a variation trial with the same seed (the twin and the trial).
 
-        If ``variation`` is None, the trials of all variations are returned.
+        If ``variation`` is None, the trials of all variations are paired.
         """
         trained = {t.twin: t for t in self.of(None)}
         trials = self.varied if variation is None else self.of(variation)

@@ -335,7 +335,7 @@ def numbers_table(found: StudyFindings) -> Table:
 
 
 def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
-    """Yield the key (task, "", arm and lever) and the numbers of each row in the lever tables."""
+    """Yield the key (task, "", arm and recipe change) and the numbers of each row in the tables of recipe changes."""
     for table in found.levers:
         for row in table.rows:
             against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}

@@ -77,7 +77,7 @@ class Lever:
 
 @dataclass(frozen=True, slots=True, order=True)
 class PlannedLearner:
-    """Learner that a study trains. ``lever`` is "" for the unchanged recipe."""
+    """Learner that a study trains. ``lever`` names the change to the recipe; it is "" for the unchanged recipe."""
 
     task: str
     arm: str
@@ -194,7 +194,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError if a lever cannot be compared with the lever that its field ``against`` names."""
+        """Raise InvalidInputError if a recipe change cannot be compared with the change that ``against`` names."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -230,7 +230,7 @@ class StudyPlan:
             raise InvalidInputError(where, problem, "Leave out this field, or change it in the recipe of the study")
 
     def _require_words_known(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError if the learner that a lever starts from lacks words of the lever's demonstrations."""
+        """Raise InvalidInputError if the initial weights of a recipe change lack words of its demonstrations."""
         if lever.start is None:
             return
         for task, arm in itertools.product(lever.tasks or self.tasks, lever.arms or self.arms):

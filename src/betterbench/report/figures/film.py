@@ -56,7 +56,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """Frames of a trial ("fast_food/T1/3") and of its training twin.
+    """Frames of a trial ("fast_food/T1/3") and of its training twin, i.e. the training trial with the same seed.
 
     ``evidence_s`` is the beginning and the end of the evidence [s]. Frames within this interval are marked. ``clip`` is
     a video of both episodes side by side (H.264 in MP4). Browsers that cannot play the video show the frames.
@@ -80,8 +80,8 @@ class Film:
 class Showing:
     """Trial to show as a film, with the times to render [s] in increasing order and their captions.
 
-    ``twin`` is None if the run has no record of the training twin. ``evidence_s`` is the beginning and the end of the
-    evidence [s].
+    ``twin`` is the training trial with the same seed; None if the run has no record of it. ``evidence_s`` is the
+    beginning and the end of the evidence [s].
     """
 
     policy: str
@@ -104,9 +104,9 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
     Every kind of failure of every variation is shown once before any of them is shown a second time. Each combination
     of variation and label is represented by the trial whose evidence begins at the median time, preferably by a trial
-    whose training twin succeeded. With ``repeats``, further trials of these combinations follow. Reasoning failures
-    come first, then execution failures, then solved trials. Within each of these groups, the most frequent combinations
-    come first. Trials without a record are left out.
+    whose training twin (the training trial with the same seed) succeeded. With ``repeats``, further trials of these
+    combinations follow. Reasoning failures come first, then execution failures, then solved trials. Within each of
+    these groups, the most frequent combinations come first. Trials without a record are left out.
     """
     if limit < 0:
         raise InvalidInputError("limit", f"{limit} is negative", "Use a number of at least 0")
@@ -134,9 +134,9 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
     """Sort trials so that the most representative trial comes first.
 
-    Trials whose training twin succeeded are preferred to trials whose training twin failed, and these to trials without
-    a training twin. Among the most preferred trials, the trial whose evidence begins at the median time comes first.
-    All other trials are sorted by this preference, then by seed.
+    A trial is preferred if its training twin (the training trial with the same seed) succeeded, and next if its
+    training twin failed; trials without a training twin come last. Among the most preferred trials, the trial whose
+    evidence begins at the median time comes first. All other trials are sorted by this preference, then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
@@ -150,7 +150,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return which times of a trial and of its training twin to show.
+    """Choose the times to show of a trial and of its training twin (the training trial with the same seed).
 
     The times of the trial are around its evidence, and those of the training twin around the same step.
     """
@@ -174,7 +174,7 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 
 
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
-    """Return the interval in the training twin that corresponds to the evidence of a trial.
+    """Return the interval in the training twin (same seed) that corresponds to the evidence of a trial.
 
     The interval is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, and
     the evidence is about the n-th object that the trial attempted, it is the twin's grasp of the n-th object that the

@@ -11,9 +11,9 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """Initial scenes of a variation and of its training twin (JPEG).
+    """Initial scenes of a variation and of the training trial with the same seed, as JPEG.
 
-    ``training`` is None if the run has no such scene.
+    ``training`` is None if the run has no such training trial.
     """
 
     test: bytes

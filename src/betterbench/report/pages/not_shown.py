@@ -29,9 +29,9 @@ _MOVING_BLIND = (*BLIND[1:], FLOOR[0])
 
 
 def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
-    """Return the pretenders that pass more than half of a variation's trials.
+    """Return the reference policies that pass a variation, i.e. solve more than half of its trials.
 
-    Pretenders that move without looking pass if they solve more than a quarter of the trials.
+    Reference policies that move without looking pass if they solve more than a quarter of the trials.
     """
     perturbed = get_task(key[0]).variation(key[1]).axis is Axis.ADVERSARIAL_OBJECT_PERTURBATION
     found = []

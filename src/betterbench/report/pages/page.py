@@ -86,7 +86,7 @@ class Opening:
     Attributes:
         shown: The film.
         frames: Frames around the evidence.
-        twin_frames: Frames of the training twin at the same step.
+        twin_frames: Frames of the training twin (the training trial with the same seed) at the same step.
         pair: One frame of the trial and one of its training twin, each with a caption.
     """
 

@@ -147,7 +147,10 @@ def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
 
 
 def blind_table(matrix: PowerMatrix) -> Table:
-    """Return the table with the success of every blind pretender on every variation. Cells above chance are marked."""
+    """Return the table with the success of every policy that lacks vision, instruction or aim, on every variation.
+
+    Cells above chance are marked.
+    """
     names = [name for name in (*BLIND, *FLOOR) if name in matrix.cells]
     tested = {(c.pretender, (c.task, c.variation)): c for c in matrix.blind_cells()}
     rows = []

@@ -21,9 +21,10 @@ class ScoreRow:
     """Row of the score table.
 
     Attributes:
-        name: Name of a policy or a pretender.
+        name: Name of a policy under test or a reference policy.
         cells: Success rate in each column [%]; "–" if there is none.
-        likeness: How often the outcomes agree with those of the policy, as text; "" for the policy itself.
+        likeness: How often the outcomes of the reference policy agree with those of the policy under test, as text; ""
+            for the policy under test itself.
         mine: Whether this row is about the policy under test.
     """
 
@@ -35,12 +36,12 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True)
 class ScoreTable:
-    """Table with the policies, followed by the pretenders, each of which is listed once.
+    """Table of success rates: the policies under test, followed by the reference policies.
 
     Attributes:
         columns: Headings of the success rates.
-        policies: Names of the policies. There is one column of agreement for each of them.
-        rows: Success rates of a policy or pretender, and how often its outcomes agree with those of each policy.
+        policies: Names of the policies under test. There is one column of agreement for each of them.
+        rows: Success rates of each policy, and how often its outcomes agree with those of each policy under test.
     """
 
     columns: tuple[str, ...]
@@ -64,7 +65,7 @@ class MarginRow:
 
 @dataclass(frozen=True, slots=True)
 class PretenderView:
-    """Comparison of one policy with the pretenders."""
+    """Comparison of one policy with the reference policies that lack an ability."""
 
     policy: str
     sentences: tuple[str, ...]
@@ -75,15 +76,18 @@ class PretenderView:
 
 
 def pretender_views(diagnoses: Sequence[RunDiagnosis]) -> list[PretenderView]:
-    """Return the comparison of every policy with the pretenders.
+    """Return the comparison of every policy with the reference policies that lack an ability.
 
-    Without a power matrix, it only contains the reason.
+    Without a power matrix, the comparison only contains the reason why it is missing.
     """
     return [_view(d.policy, standing_of(d)) for d in diagnoses]
 
 
 def score_tables(views: Sequence[PretenderView]) -> list[ScoreTable]:
-    """Return one score table for all policies that ran the same trials, since their pretenders have the same scores."""
+    """Return one score table for all policies that ran the same trials.
+
+    The reference policies have the same scores for all of them.
+    """
     tables: dict[tuple[object, ...], list[PretenderView]] = {}
     for view in views:
         lines = sorted((row.name, row.cells) for row in view.rows if not row.mine)
@@ -110,7 +114,7 @@ def scope_title(scope: str) -> str:
 
 
 def score_rows(policy: str, standing: Standing, columns: Sequence[str]) -> list[ScoreRow]:
-    """Return the row of the policy, followed by one row for each pretender. The best pretender comes first."""
+    """Return the row of the policy under test, followed by one row per reference policy, best first."""
     known = {x.pretender: x for x in standing.likenesses}
     if standing.expert is not None:
         known[EXPERT] = standing.expert

@@ -80,7 +80,10 @@ def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per policy and variation: success rates of trials and training twins, and outcomes."""
+    """Return one row per policy and variation: outcomes, and success rates of the trials and their training twins.
+
+    A training twin is the training trial with the same seed.
+    """
     rows = []
     for diagnosis in diagnoses:
         for row in variation_rows(diagnosis):

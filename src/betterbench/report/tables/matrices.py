@@ -205,7 +205,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 def _source(
     name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
 ) -> MatrixSource:
-    """Return the outcomes of a condition's trials, and the success of their training twins."""
+    """Return the outcomes of a condition's trials, and the success of the training trials with the same seeds."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]
