@@ -188,7 +188,9 @@ def test_a_request_that_is_lost_while_connecting_is_repeated(lerobot, monkeypatc
 
 def test_an_arm_that_is_not_calibrated_is_not_switched_on(lerobot, monkeypatch):
     monkeypatch.setattr(Bus, "read_calibration", lambda _: dict.fromkeys(MOTORS, MOTOR) | {"gripper": OTHER})
-    with pytest.raises(RobotError, match=r"the motors gripper have other values than /calibrations/mine.json.*lerobot-calibrate"):
+    with pytest.raises(
+        RobotError, match=r"the motors gripper have other values than /calibrations/mine.json.*lerobot-calibrate"
+    ):
         arm_of().connect()
     assert Arm.made.is_closed
     monkeypatch.setattr(Arm, "calibration", property(lambda _: {}, lambda *_: None), raising=False)

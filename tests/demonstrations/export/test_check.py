@@ -222,8 +222,8 @@ FIELDS = {
         (fields(INFO, lambda f: f.update(total_tasks=99)), "total_tasks is 99, expected 2"),
         (fields(INFO, lambda f: f.update(chunks_size=1)), "chunks_size is 1, expected 1000"),
         (fields(INFO, lambda f: f.update(robot_type="so100")), 'robot_type is "so100", expected "panda"'),
-        (fields(INFO, lambda f: f.update(splits={})), "info.json: splits.train is None, but no validation fraction"),
-        (fields(INFO, lambda f: f.update(splits={"train": "0:3"})), r"splits\.train is 0:3, but no validation fraction"),
+        (fields(INFO, lambda f: f.update(splits={})), "info.json: splits.train is None, but no validation"),
+        (fields(INFO, lambda f: f.update(splits={"train": "0:3"})), r"splits\.train is 0:3, but no validation"),
         (fields(INFO, lambda f: f["splits"].update(validation="1:2")), r"splits\.validation is "),
         (fields(INFO, lambda f: f.pop("codebase_version")), r"meta: it is damaged \('codebase_version'\)"),
         (fields(INFO, lambda f: f.update(codebase_version="v2.1")), r"episodes\.jsonl: the file cannot be read"),
@@ -281,7 +281,7 @@ FIELDS = {
         (table(DATA, without_subgoals), r"episode 0: language_persistent\[0\] is null, expected"),
     ),
     "held out": (
-        (fields(INFO, lambda f: f.update(splits={"train": "0:2"})), r"splits\.train is 0:2, but no validation fraction"),
+        (fields(INFO, lambda f: f.update(splits={"train": "0:2"})), r"splits\.train is 0:2, but no validation"),
         (fields(INFO, lambda f: f["splits"].update(validation="0:2")), r"splits\.validation is .0:2., expected .1:2"),
     ),
     "gr00t": (

@@ -178,7 +178,10 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
         (Choices(grippers=("acton[3]",)), "Unknown column in --gripper 'acton'. Did you mean 'action'"),
         (Choices(grippers=("action[9]",)), "action has 4 components, so 9 does not exist"),
         (Choices(grippers=("action",)), "action has 4 components. Choose one of them"),
-        (Choices(places=("observation.state:x",)), "the number of components (1) does not fit the number of grippers (1)"),
+        (
+            Choices(places=("observation.state:x",)),
+            "the number of components (1) does not fit the number of grippers (1)",
+        ),
         (Choices(places=("+action:dx", "observation.state:y")), "only some components have the prefix +"),
         (Choices(instruction="langage_instruction"), "Did you mean 'language_instruction'"),
     ],

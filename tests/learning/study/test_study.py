@@ -523,7 +523,10 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
         ({"arms": {"a": {"training": 0.5, "balanced": 0.5}}, "demos": 1}, "arms.a.*1 demonstrations are too few for 2"),
         ({"recipe": {"steps": 0}}, "steps"),
-        ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*weights that were never trained.*lever with the field start"),
+        (
+            {"recipe": {"frozen": ["trunk"]}},
+            "recipe.frozen.*weights that were never trained.*lever with the field start",
+        ),
         ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever with the field start"),
         ({"levers": [{"name": "x", "changes": {}, "start": "none"}]}, "levers\\[0\\].start.*'none'"),
         (
