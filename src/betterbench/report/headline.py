@@ -131,7 +131,7 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the success rate of the gap's training twins differs from that of all training trials."""
+        """Whether the training trials behind the illusion gap have another success rate than all training trials."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:

@@ -125,11 +125,11 @@ def carry_place(
         window: Names of the object and the target in this scene.
         keep_tool: Whether to keep the rotation of the tool instead of the rotation of the object, for objects that may
             have any heading.
-        foot: Position of the object's base in the world frame at which it is released [m]. The default is the goal of
-            the expert that is nearest to the release in the source demonstration.
+        foot: Position of the object's base in the world frame at which it is released [m]. The default is the
+            placement that the expert considers nearest to the release in the source demonstration.
 
     Returns:
-        The placement; None if no goal of the expert is near the release.
+        The transferred placement; None if the expert considers no placement near the release.
     """
     to_new = region_frame(state, window) @ skill.frame.inverse()
     shift = (0.0, 0.0, 0.0)

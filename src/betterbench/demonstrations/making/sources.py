@@ -23,7 +23,7 @@ from betterbench.tasks.user_files import options_for
 SAME_GRASP_M = 0.04
 """Maximum distance between a grasp and the annotated grasp that it is matched with [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance between the place of a release and the goal of the expert that it is matched with [m]."""
+"""Maximum distance between the place of a release and the placement of the expert that it is matched with [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
 """Minimum distance between two alternative goals of a placement [m], and maximum number of goals."""
 MOVING_M = 0.001
@@ -59,8 +59,8 @@ class SourceSkill:
         gripper: Gripper command at each of these steps.
         change: Index of the first step at which the gripper moves.
         T_tcp_foot: For a placement, the pose of the object's base in the gripper just before the gripper opens.
-        anchor: For a placement, the goal of the expert that is nearest to the release, as the position of the object's
-            base in the world frame [m].
+        anchor: For a placement, the placement of the expert that is nearest to the release, as the position of the
+            object's base in the world frame [m].
         spread_m: For a placement, how much wider the gripper opens than the object [m].
         slid_m: Distance by which a drawer is moved along its own x axis [m].
         width_m: Gripper width at the beginning of the window [m].
@@ -297,10 +297,10 @@ def _anchor(state: WorldState, let_go: WorldState, window: SkillWindow) -> tuple
 def nearest_goal(
     state: WorldState, window: SkillWindow, point: Sequence[float], *, within_m: float
 ) -> tuple[float, float, float] | None:
-    """Return the goal of the expert that is nearest to a point, as the position of the object's base [m].
+    """Return the placement nearest to a point among those that the expert considers, as the object's base position [m].
 
-    The goals account for the sizes of the objects and for objects that are already at the target, which a rigid
-    transform of the source demonstration would not. Return None if no goal is within the given distance.
+    The placements account for the sizes of the objects and for objects that are already at the target, which a rigid
+    transform of the source demonstration would not. Return None if no placement is within the given distance.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
@@ -312,7 +312,10 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return the goals of the expert without duplicates, best first, as positions of the object's base [m]."""
+    """Return the placements that the expert considers, best first, as positions of the object's base [m].
+
+    Placements that are nearly the same are only listed once.
+    """
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
     for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):

@@ -294,11 +294,9 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
 
 
 def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
-    """Return the components x, y and, if present, z of an arm, and the source of their names.
+    """Return the components x, y and, if present, z of an arm, with the source of their names.
 
-    Return None without x and y.
-
-    Raises InvalidInputError if an axis occurs twice.
+    Return None if x or y is missing. Raises InvalidInputError if an axis occurs twice.
     """
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]

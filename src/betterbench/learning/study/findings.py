@@ -1,4 +1,4 @@
-"""Findings of a study: success rates, gaps and their causes, accuracy of the audit, and effect of words."""
+"""Findings of a study: success rates, gaps and their causes, accuracy of the audit, and use of the instruction."""
 
 from __future__ import annotations
 
