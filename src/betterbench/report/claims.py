@@ -160,8 +160,8 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
     """Test the claim that the most frequent kind of failure occurs more often than by chance.
 
     The claim is supported if variations are solved less often than the training trials with the same seeds, either by
-    the test of the illusion gap or by the verdict of ``better eval --until-decided``. It is also supported if significantly more than
-    :data:`USUAL_SHARE` of the variation trials fail, regardless of training.
+    the test of the illusion gap or by the verdict of ``better eval --until-decided``. It is also supported if
+    significantly more than :data:`USUAL_SHARE` of the variation trials fail, regardless of training.
 
     Args:
         diagnosis: Diagnosis of the run.
