@@ -279,7 +279,7 @@ def test_a_number_with_too_many_digits_is_one_line_without_advice_about_python(t
 def test_a_number_that_there_is_not_is_one_short_line(tmp_path_factory, text):
     path = make(tmp_path_factory.mktemp("set") / "set", "plain", "clean", count=12)
     said = refusal(path, Choices(grippers=(text,)))
-    assert "action has 4 numbers; " in said
+    assert "action has 4 components, so " in said
     assert len(said) < 200
 
 
