@@ -245,9 +245,9 @@ def test_what_it_cannot_answer_is_refused_with_a_reason(learner, run, moments):
     q = next(q for q in moments.questions if q.form is Form.YES_NO)
     with pytest.raises(RefusedError, match=r"none of the answers .* occurred in training"):
         model.answer(prompt_for(q), [moments.image(q.image)])  # it learned cells alone
-    with pytest.raises(RefusedError, match="only the questions of the set"):
+    with pytest.raises(RefusedError, match="can only answer the questions of the set"):
         model.answer("Where is the mug?", [moments.image(q.image)])
-    with pytest.raises(RefusedError, match="only the questions of the set"):
+    with pytest.raises(RefusedError, match="can only answer the questions of the set"):
         model.answer(prompt_for(q), [b"another image"])
 
 
