@@ -29,10 +29,10 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 
     In the action space of the record, these are the intended actions: the executed actions without the noise that a
     demonstrator added. For another action space, the actions are computed from the recorded controller commands, which
-    are the joint references at the end of each control step or the corresponding poses. Each delta is relative to the
-    sum of all earlier deltas, and therefore makes up for the clipping of earlier deltas. Noise is removed from poses
-    but not from joint references, because the record does not show how the controller would have responded to another
-    pose.
+    are the joint references at the end of each control step or the corresponding poses. Each delta starts from the pose
+    that the earlier deltas add up to, so motion that was lost because a delta was clipped is made up for by the
+    following deltas. Noise is removed from poses but not from joint references, because the record does not show how
+    the controller would have responded to another pose.
 
     Raises:
         InvalidInputError: If the record does not have a reference for every joint, or the action space is unknown.
@@ -65,9 +65,9 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 
 
 def _openings(record: Record, space: ActionSpace) -> np.ndarray:
-    """Return the commanded gripper openings (n_steps, 1), for an action space in the units of the robot's own motors.
+    """Return the commanded gripper openings (n_steps, 1) in motor units.
 
-    The last joint reference of the record is that of the gripper.
+    They are taken from the last joint reference of each control step, which belongs to the gripper.
     """
     jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
     return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])
@@ -117,7 +117,7 @@ def commands(gripper: np.ndarray) -> np.ndarray:
 
 
 def _joint_steps(references: np.ndarray) -> np.ndarray:
-    """Return joint deltas (n, joints) that follow joint references (n + 1, joints) within the bounds per step."""
+    """Convert joint references (n + 1, joints) to joint deltas (n, joints) that are clipped to the bounds per step."""
     here, steps = np.array(references[0]), []
     for goal in references[1:]:
         step = np.clip((goal - here) / JOINT_STEP_PER_UNIT_RAD, -1.0, 1.0)
@@ -127,7 +127,7 @@ def _joint_steps(references: np.ndarray) -> np.ndarray:
 
 
 def _pose_steps(record: Record, positions: np.ndarray, quaternions: np.ndarray, *, measured: bool) -> np.ndarray:
-    """Return Cartesian deltas (n, 6) that follow the given poses within the bounds per step.
+    """Convert tool poses to Cartesian deltas (n, 6) that are clipped to the bounds per step.
 
     If ``measured`` is True, each delta is relative to the measured pose of the tool instead of the commanded pose.
     """

@@ -82,7 +82,10 @@ def _columns(dataset: Dataset, stats: Mapping[str, Stats]) -> list[tuple[str, ..
 
 
 def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
-    """Return a warning about components that are nearly constant. The list is empty if there are none."""
+    """Return a warning about state and action components that are nearly constant, as Markdown lines.
+
+    The list is empty if there are no such components.
+    """
     found = []
     for column in (*dataset.layout.states, dataset.layout.action):
         spans = zip(column.components, stats[column.name]["q01"], stats[column.name]["q99"], strict=True)

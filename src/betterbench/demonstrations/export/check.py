@@ -35,7 +35,9 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of checking all files of a data set, and three images per episode and camera (see ``docs/export.md``).
+    """Result of a check of an exported data set.
+
+    All files and three images per episode and camera are compared with the records (see ``docs/export.md``).
 
     Attributes:
         episodes: Number of episodes.
@@ -105,7 +107,7 @@ def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[Le
 
 
 def _shown(drawn: Pictures, run: RunFolder, record: Record, layout: DatasetLayout) -> dict[int, dict[str, np.ndarray]]:
-    """Render three frames of an episode again. Return their images by row and column."""
+    """Render three frames of an episode again. Return the images by frame index and column name."""
     rows = sorted({0, record.n_steps // 2, record.n_steps - 1}) if layout.images else []
     images = shown_images(record, layout, drawn.of(run, record, rows), rows) if rows else ()
     return dict(zip(rows, images, strict=True))
@@ -119,7 +121,7 @@ def _errors(
 ) -> Iterator[float]:
     """Yield the mean error of each image that was rendered again, in levels of 255.
 
-    Raises InvalidInputError if an image is missing, or its error exceeds ``most``.
+    Raises InvalidInputError if an image is missing or its mean error is larger than ``most``.
     """
     rows = list(shown)
     for column in shown[rows[0]] if rows else ():
@@ -186,7 +188,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
 
 
 def _source(path: Path) -> dict[str, Any]:
-    """Read the origin of a data set, as better export stored it."""
+    """Read the description of a data set's origin that ``better export`` stored in the data set."""
     try:
         source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]

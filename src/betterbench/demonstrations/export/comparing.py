@@ -75,7 +75,11 @@ _BROKEN = (
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Replace numbers by the expected numbers if they are close to them, and values that are not JSON by strings."""
+    """Make a value from a data set comparable to the expected JSON value.
+
+    Numbers that are close to the expected number are replaced by it. Values that JSON cannot represent are converted to
+    strings.
+    """
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}
         return {str(name): _settled(value, known.get(name)) for name, value in there.items()}

@@ -1,4 +1,4 @@
-"""Content of a data set, from which the writers of all file formats generate their files."""
+"""Content of a data set in memory. The writers of all file formats generate their files from it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class DatasetEpisode:
         folder: Folder with the data of the episode.
         about: Metadata of the episode.
         record: SHA-256 of the record from which the episode was made.
-        questions: Questions about its frames.
+        questions: Questions about frames of the episode.
     """
 
     folder: Path
@@ -67,12 +67,12 @@ class Dataset:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """Distinct instructions. The position of an instruction is its task index."""
+        """Distinct instructions. The index of an instruction in this tuple is its task index in the data set."""
         return tuple(dict.fromkeys(str(episode.about["instruction"]) for episode in self.episodes))
 
     @property
     def subgoals(self) -> tuple[str, ...]:
-        """Distinct subgoals. The position of a subgoal is its subtask index."""
+        """Distinct subgoals. The index of a subgoal in this tuple is its subtask index in the data set."""
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:

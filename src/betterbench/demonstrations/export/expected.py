@@ -36,12 +36,12 @@ class ExpectedDataset:
     def add(self, record: Record, digest: str, numbers: Numbers, pairs: Sequence[str] | None) -> Part:
         """Add the next episode, and return its expected content without images.
 
-        Raises InvalidInputError if the control rate of its record differs from that of earlier records.
+        Raises InvalidInputError if the record has a different control rate than the earlier records.
 
         Args:
             record: Record of the episode.
             digest: SHA-256 of the record.
-            numbers: Frames of the episode without images.
+            numbers: Numeric columns of the episode, i.e. all columns except the images.
             pairs: Ids of the pairs of twins (demonstrations with the same initial state and different instructions)
                 that the episode belongs to; None if the data set does not list pairs.
         """
@@ -66,14 +66,14 @@ class ExpectedDataset:
         return self._first[number]
 
     def divided(self, train: int, where: str, said: str) -> Dataset:
-        """Return the expected data set, divided into training and validation episodes.
+        """Return the expected data set with the first ``train`` episodes for training and the others for validation.
 
         Raises InvalidInputError if no fraction of validation episodes gives this division.
 
         Args:
             train: Number of training episodes.
-            where: File that states this number.
-            said: Text in the error message that quotes the file.
+            where: File from which this number was read.
+            said: Quotation of the number from this file, for the error message.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):
@@ -90,7 +90,10 @@ class ExpectedDataset:
         return self._open(self._totals.stats())
 
     def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
-        """Replace image statistics by placeholders, since only their shape and count are known."""
+        """Replace image statistics by placeholders.
+
+        Without images, only their shapes and the image counts are known.
+        """
         levels: Any = [[[LEVEL]]] * 3
         opened = {
             name: {what: value if what == "count" else levels for what, value in stats[name].items()}

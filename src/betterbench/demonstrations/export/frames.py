@@ -22,7 +22,7 @@ DONE = "done"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """Frames of an episode without images.
+    """Numeric columns of all frames in an episode, i.e. all columns except the images.
 
     Attributes:
         vectors: Values (N, size) of each state column and of the action column.

@@ -226,7 +226,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings that, together with the record, determine the frames of an episode."""
+    """Return the settings that determine how the frames of a given record are exported."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -244,7 +244,10 @@ def _remove_leftover(staging: Path) -> None:
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the output path, if it is the wanted one. Raise RunConflictError otherwise."""
+    """Return the data set at the output path if it was finished with the same plan.
+
+    Otherwise raise RunConflictError.
+    """
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -296,7 +299,7 @@ def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
-    """Read the origin of a data set that is stored in its files."""
+    """Read the description of a data set's origin from its files."""
     if to == "robomimic":
         from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
@@ -305,10 +308,10 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Read the origin of a data set from its folder.
+    """Read the description of a data set's origin from its folder.
 
     Raises:
-        RunConflictError: If the file with the origin was changed.
+        RunConflictError: If the file that describes the origin was changed.
         OSError: If the file is missing.
     """
     file = folder / SOURCE_FILE
@@ -317,7 +320,7 @@ def stored_source(folder: Path) -> dict[str, Any]:
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
-    """Write the episodes that are missing in the hidden folder, and return their number."""
+    """Write the episodes that are still missing from the hidden folder, and return their number."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
 
     def make(pictures: Pictures, folder: Path) -> None:
@@ -396,7 +399,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
         raise InvalidInputError(
-            "control rate", f"it differs between runs: {sorted(rates)} Hz", "Export them one by one"
+            "control rate", f"it differs between runs: {sorted(rates)} Hz", "Export these runs one by one"
         )
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
@@ -410,7 +413,8 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
     """Choose the seeds that are held out for validation. At least one seed remains for training.
 
-    All conditions with the same seed share its object layout, so they are held out together.
+    Conditions with the same seed have the same object layout. Therefore all demonstrations with a held-out seed are
+    held out.
     """
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
@@ -425,7 +429,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return the description of a data set's origin that is stored in the data set, without file sizes."""
+    """Return the description of a data set's origin that is stored in the data set. The file sizes are added later."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,
@@ -444,10 +448,10 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether the first ``train`` trials can be the training trials of an export.
+    """Return whether an export could have used the first ``train`` trials for training and the others for validation.
 
-    There must be a fraction of validation seeds that gives this division, since the fraction itself is not stored. All
-    trials with a held-out seed are held out, and they come last.
+    All trials with a held-out seed are held out, and they come last. The fraction of held-out seeds is not stored in
+    the data set. The function therefore returns True if any fraction leads to this division.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -457,10 +461,10 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 
 
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
-    """Return the command that evaluates a policy trained on a layout. The address of the policy is left open.
+    """Return the command that evaluates a policy trained on a layout. The policy address in it is a placeholder.
 
-    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite, and otherwise a few
-    trials of the demonstrated tasks.
+    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. Otherwise it
+    evaluates a few trials of the demonstrated tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

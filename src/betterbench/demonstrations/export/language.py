@@ -47,7 +47,7 @@ def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
 
 
 def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
-    """Return the Arrow type of one entry in a language column, where ``call`` is the type of the entry's tool calls."""
+    """Return the Arrow type of one entry in a language column. ``call`` is the type of the entry's tool calls."""
     fields = [pa.field("role", pa.string(), nullable=False)]
     fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
     fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []

@@ -41,7 +41,7 @@ openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its p
 
 @dataclass(frozen=True, slots=True)
 class ImageColumn:
-    """Image column: its name, the key of the image in the policy's request, the camera, and the size [pixel]."""
+    """Image column of a data set: name, key of the image in the policy's request, camera, and image size [pixel]."""
 
     name: str
     key: tuple[str, ...]
@@ -52,7 +52,7 @@ class ImageColumn:
 
 @dataclass(frozen=True, slots=True)
 class VectorPart:
-    """Components ``start`` to ``end`` of a vector column, with their key in the policy's request or reply."""
+    """Components ``start`` to ``end`` of a vector column, with the key of this part in a policy's request or reply."""
 
     key: tuple[str, ...]
     start: int
@@ -135,7 +135,7 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
 
     Raises:
         UnknownNameError: If the policy preset does not exist, or the robot does not support its actions.
-        InvalidInputError: If only another simulated world supports the actions, or the observation preset lacks a
+        InvalidInputError: If the actions can only be executed in another simulator, or the observation preset lacks a
             required camera.
     """
     adapter = own_preset(name)
@@ -189,13 +189,16 @@ def _is_openpi(name: str) -> bool:
 
 
 def _image_name(adapter: str, key: tuple[str, ...]) -> str:
-    """Return the name of an image column, following the convention of openpi or LeRobot."""
+    """Return the name of an image column, as openpi or LeRobot would name it."""
     bare = name_of(key).removeprefix(IMAGES).rpartition("/")[2]
     return bare if _is_openpi(adapter) else IMAGES + bare
 
 
 def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
-    """Return the state columns: one column for all state parts, or one per part if the trainer requires it."""
+    """Return the state columns.
+
+    There is one column for all parts of the state, or one per part if the trainer needs that.
+    """
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []
@@ -220,7 +223,7 @@ def _components(rule: StateRule, joints: int) -> tuple[str, ...]:
 def _part_names(part: str, size: int) -> tuple[str, ...]:
     """Return the names of the components in one part of a state.
 
-    Components in motor units are named after the motors.
+    Components in motor units have the names of the motors.
     """
     if part in ROBOT_ACTION_SPACES:
         return ROBOT_ACTION_SPACES[part].components

@@ -97,8 +97,8 @@ def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.
 def counters(dataset: Dataset, number: int, part: Part, *, first: int) -> dict[str, np.ndarray]:
     """Return the time and index columns of an episode.
 
-    They are the time [s], the frame in the episode, the episode, the frame in the data set, the instruction, and the
-    subgoal.
+    For each frame, they contain the time [s] and the indices of the frame in the episode, of the episode, of the frame
+    in the data set, of the instruction and of the subgoal.
     """
     rows, subgoals = len(part), {name: i for i, name in enumerate(dataset.subgoals)}
     task = dataset.instructions.index(str(dataset.episodes[number].about["instruction"]))
@@ -254,7 +254,7 @@ def file_name(kind: str, number: int) -> str:
 
 
 class _Files:
-    """Numbered files of one kind."""
+    """Base of the writers that distribute the episodes over numbered files of one kind (frames or videos)."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -263,7 +263,7 @@ class _Files:
 
 
 class _FrameFiles(_Files):
-    """Writer of the frame files. Each episode is one row group."""
+    """Writer of the frame files. Each episode becomes one row group of a Parquet file."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__("data")
@@ -345,7 +345,10 @@ def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table of indices in which the texts are the pandas index."""
+    """Return a table that numbers the given texts.
+
+    The texts form the pandas index of the table, as in LeRobot's files.
+    """
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}
     described = {

@@ -1,4 +1,4 @@
-"""Comparison of a LeRobot data set with its records, file by file."""
+"""Comparison of a LeRobot data set with the records from which it was made, file by file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """Frame file that is being compared, with the number of rows compared so far."""
+    """Frame file that is being compared, with the number of rows that have been compared so far."""
 
     name: str
     table: pa.Table
@@ -60,7 +60,10 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the episode that was last added to the expected content, and return a reader for its images."""
+        """Compare an episode with the episode that was last added to the expected content.
+
+        Return a reader for its images.
+        """
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)
         wanted = lerobot.frame_table(dataset, number, part, first=first)
@@ -75,7 +78,7 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare the data about the complete data set. Call this method after the last episode."""
+        """Compare the data that concern the data set as a whole. Call this method after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
@@ -93,7 +96,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the entry of an episode in ``meta``."""
+        """Compare the entry in ``meta`` that describes an episode."""
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
@@ -105,14 +108,14 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name of the video file of an episode, and the index of the episode's first frame in the file."""
+        """Return the name of the video file that contains an episode, and the index of its first frame in the file."""
 
     def same_json(self, file: str, wanted: object) -> None:
         """Compare the content of a JSON file."""
         require_match(_json(self.path / file), wanted, str(self.path / file))
 
     def _open(self, name: str, wanted: pa.Table) -> pa.Table:
-        """Read a frame file, without the questions in it."""
+        """Read a frame file, leaving out the questions in its language column."""
         with intact(str(self.path / name)), pq.ParquetFile(io.BytesIO(_read(self.path / name))) as file:
             schema = file.schema_arrow
             require_equal(_types(schema), _types(wanted.schema), f"{self.path / name}: columns")
@@ -167,7 +170,8 @@ class CheckOfV30(LeRobotCheck):
     def _file(self, kind: str, there: Mapping[str, Any]) -> int:
         """Return the index of the file that contains an episode.
 
-        It is the file of the previous episode or, if the row of the episode says so, the next file.
+        Each episode is in the same file as the previous episode, unless its row in ``meta/episodes`` names the next
+        file.
         """
         before = self._files.get(kind)
         file = before or 0
@@ -210,7 +214,7 @@ class CheckOfV21(LeRobotCheck):
         self._stats = _lines(path / lerobot_v21.EPISODES_STATS_FILE)
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the lines about an episode in ``meta``."""
+        """Compare the lines in ``meta`` that describe an episode."""
         line = lerobot_v21.episode_line(self.expected.dataset, number)
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
@@ -274,12 +278,15 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column. List items get the same name, since it depends on the Parquet version."""
+    """Return the type of each column.
+
+    The items of list columns have different names in different versions of Parquet, so they are given the same name.
+    """
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the content of an index table that is compared: rows, types, and the name of the pandas index."""
+    """Return the parts of an index table that are compared: rows, types, and columns of the pandas index."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 

@@ -95,7 +95,7 @@ def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
 
 
 def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
-    """Return the content of ``meta/stats.json``. Of the quantiles, only the two that openpi and GR00T read are kept."""
+    """Return the content of ``meta/stats.json``. It contains only the two quantiles that openpi and GR00T read."""
     return without_quantiles(whole, kept=("q01", "q99"))
 
 

@@ -1,4 +1,4 @@
-"""Storage of exported episodes until the data set is assembled. Episodes that are incomplete are exported again."""
+"""Storage of exported episodes until the data set is assembled. Incomplete episodes are exported again."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def write_part(
 
     The index is written last, so a folder with an index contains a complete episode.
 
-    Raises OSError, errors of the renderer, and the same errors as
+    Raises OSError, the errors that the renderer raises, and the errors of
     :func:`~betterbench.demonstrations.export.frames.frame_numbers`.
     """
     shutil.rmtree(folder, ignore_errors=True)
@@ -125,7 +125,7 @@ _Levels = Annotated[
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Images:
-    """Histogram of the sampled images of one image column, for each color channel."""
+    """Histograms of the color channels, computed from the sampled images of one image column."""
 
     levels: _Levels
 
@@ -133,7 +133,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Metadata of an episode that the export reads back, see :func:`about`."""
+    """Metadata of an episode that the export reads back from its folder, see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -147,11 +147,11 @@ class _About:
 class PartIndex:
     """Index of an exported episode: files, color histograms and metadata.
 
-    It is stored with a seal that detects changes.
+    It is stored with a checksum, so that changes to it are detected.
 
     Attributes:
         files: SHA-256 of the other files of the episode, by file name.
-        images: Histograms by image column.
+        images: Color histograms by image column.
         sampled: Number of images in the histograms.
         about: Metadata of the episode, as :func:`about` returns it.
     """
@@ -251,7 +251,7 @@ def read_png(data: bytes) -> np.ndarray:
 def parquet_bytes(table: pa.Table) -> bytes:
     """Return a table as a Parquet file with one row group.
 
-    The bytes are the same whenever the installation is the same.
+    The same table always gives the same bytes with the same installed packages.
     """
     buffer = io.BytesIO()
     pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)

@@ -1,4 +1,4 @@
-"""Images of recorded states, identical to the images that a policy observes."""
+"""Rendering of recorded states. The images are identical to those that a policy observes."""
 
 from __future__ import annotations
 

@@ -23,8 +23,9 @@ def questions_of(
 ) -> dict[str, tuple[FrameQuestion, ...]]:
     """Return the questions of a set that are about the given records, by SHA-256 of the record.
 
-    Questions about cameras that are not in the layout are left out. So are questions about boxes and points in images
-    that are resized. The options of a multiple-choice question are listed with letters below the question.
+    Questions about cameras that are not in the layout are left out. Questions about boxes and points are also left out
+    if the export resizes or rotates the image, because their coordinates would be wrong. The options of a
+    multiple-choice question are listed with letters below the question.
 
     Raises InvalidInputError if no question is left.
     """
@@ -53,7 +54,7 @@ def questions_of(
 
 
 def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:
-    """Return the width and height of the images that are neither resized nor turned, by camera."""
+    """Return the width and height of images that the export neither resizes nor rotates, by camera."""
     rendered = {camera.name: (camera.width, camera.height) for camera in layout.observation.cameras}
     plain = {rule.camera for rule in layout.adapter.views if not (rule.mirror or rule.turn or rule.keep != 1.0)}
     cameras = [c.camera for c in layout.images if (c.width, c.height) == rendered[c.camera]]

@@ -1,4 +1,4 @@
-"""Writer of HDF5 files for robomimic, with lossless images, states and actions of all demonstrations in one file.
+"""Writer of robomimic's HDF5 files. One file contains the lossless images, states and actions of all demonstrations.
 
 Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomimic/utils/dataset.py``.
 """
@@ -115,11 +115,11 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
 
 
 class _StrangeError(ValueError):
-    """Raised for content that betterbench never writes."""
+    """Raised if an HDF5 file contains something that betterbench never writes."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an untrusted HDF5 file for reading. The file must store all of its content itself.
+    """Open an untrusted HDF5 file for reading. The file must not refer to content outside of the file.
 
     Without this check, HDF5 would follow links into other files, wait for a named pipe, or fill the memory with data
     that the file declares but does not store.
@@ -156,7 +156,7 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return the reason why betterbench cannot have written an object. Return "" if it can have written it."""
+    """Return the reason why an HDF5 object cannot have been written by betterbench, or "" if it may have been."""
     h5py = _h5py()
     if _address(item) in seen:
         return "is another name of an earlier object"
@@ -173,7 +173,7 @@ def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: AN
 
 
 def _address(item: Any) -> tuple[int, int]:  # noqa: ANN401 - an object of h5py
-    """Return the address of an object, which identifies it within its file."""
+    """Return the address of an HDF5 object. It identifies the object within its file."""
     about = _h5py().h5o.get_info(item.id)
     return about.fileno, about.addr
 
@@ -246,7 +246,7 @@ def require_h5py() -> None:
 
 
 def read_origin(path: Path) -> dict[str, Any]:
-    """Read the origin of a data set from its HDF5 file.
+    """Read the description of a data set's origin from its HDF5 file.
 
     Raises OSError, ValueError or KeyError if betterbench did not write the file.
     """
@@ -276,9 +276,9 @@ def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noq
 
 
 def _environment(dataset: Dataset) -> dict[str, Any]:
-    """Return the description of the environment that robomimic stores.
+    """Return the description of the environment that a robomimic file contains.
 
-    If all demonstrations belong to one task, it has the Gymnasium id of this task.
+    If all demonstrations belong to one task, the name of the environment is the Gymnasium id of this task.
     """
     tasks = sorted({str(episode.about["task"]) for episode in dataset.episodes})
     single = "".join(word.capitalize() for word in tasks[0].split("_"))

@@ -1,4 +1,4 @@
-"""Selection of the records in runs that are exported as demonstrations."""
+"""Choice of the recorded episodes that are exported as demonstrations."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class ChosenTrial:
 
     Attributes:
         trial: Trial of the record.
-        run: Index of its run in the list of runs.
+        run: Index of the run that contains the record, in the list of runs.
         digest: SHA-256 of the record file.
-        scene_hash: Name of the stored scene that is needed to render images.
+        scene_hash: Hash that identifies the stored scene, from which the images are rendered.
     """
 
     trial: TrialId
@@ -30,7 +30,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Selected demonstrations in order, and the number of trials that were left out, by reason."""
+    """Demonstrations selected for export, in order, and the number of trials that were left out, by reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]
@@ -50,7 +50,8 @@ def select_demonstrations(
     Raises:
         RecordError: If a record is missing, is damaged, or differs from the record in the journal.
         UnknownNameError: If no run has a requested task.
-        InvalidInputError: If no trial is left, a record occurs twice, or the records of a task have different versions.
+        InvalidInputError: If no trial is left, a record occurs twice, or the records of a task were made with different
+            versions of the suite or the task.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
@@ -88,7 +89,7 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Raise InvalidInputError if the demonstrations of a task were recorded with different versions."""
+    """Raise InvalidInputError if a task was demonstrated with different versions of the task or the suite."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:

@@ -50,7 +50,7 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Number of factor levels with a demonstration, as a fraction of the largest number that can be reached."""
+        """Number of factor levels with a demonstration, divided by the largest number that could have one."""
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
@@ -63,9 +63,10 @@ class TaskAcceptance:
         starts: Number of initial states, and how many of them have a demonstration.
         steps: Total number of control steps in the accepted demonstrations.
         sources: Attempts by primary source demonstration.
-        regions: Attempts by cell of the region in which a slot places objects, "slot first 0" to "slot first 8".
+        regions: Attempts by the initial position of an object. Each slot, i.e. area in which an object is placed at
+            random, is divided into nine cells, which are called "slot first 0" to "slot first 8" for the slot "first".
         failures: Number of failed attempts by kind of failure.
-        examples: First failed attempt with each kind of failure: trial, index of the attempt, and reason.
+        examples: First failed attempt of each kind of failure, as its trial, the index of the attempt, and the reason.
         coverage: Coverage of the initial states, by training condition.
     """
 
@@ -256,9 +257,9 @@ def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> l
 
 
 def _coverage_lines(t: TaskAcceptance) -> list[str]:
-    """Return a Markdown table with the number of demonstrations at each factor level, by condition.
+    """Return a Markdown table with the number of demonstrations at each level of each random factor, by condition.
 
-    If an attempt was rejected, the region with the lowest acceptance rate is named below the table.
+    If any attempt was rejected, a line below the table names the region with the lowest acceptance rate.
     """
     lines = ["| condition | factor | demonstrations per level | rarest level against the mean |", "|---|---|---|---|"]
     for c in t.coverage:

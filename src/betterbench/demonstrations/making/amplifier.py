@@ -1,4 +1,4 @@
-"""Amplifier: a demonstrator that transfers the skills of source demonstrations to new scenes."""
+"""Amplifier: a demonstrator that adapts the skills of source demonstrations to new scenes."""
 
 from __future__ import annotations
 
@@ -120,7 +120,8 @@ class _WayIn:
     """Collision-free path to the start of a skill.
 
     Attributes:
-        poses: Corners of a planned path, or one pose per control step of a transferred transit.
+        poses: Waypoints of a planned path, or one pose per control step if a transit of the source demonstration is
+            repeated.
         planned: Whether the motion planner found the path.
         begin: Step of the skill at which the path ends.
     """
@@ -226,7 +227,7 @@ class Amplifier:
         raise AttemptFailedError("misplaced", self._what_is_open(state))
 
     def _what_is_open(self, state: WorldState) -> str:
-        """Describe the first subgoal of the primary source demonstration that is not met."""
+        """Describe the first subgoal of the primary source demonstration that has not been reached."""
         for s in self._lead.segments:
             if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
                 return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
@@ -270,7 +271,7 @@ class Amplifier:
         raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
-        """Draw the rotation of the grasp, for an object that can be grasped from any side [rad]."""
+        """Draw a random rotation of the grasp [rad], for an object that can be grasped from any side."""
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
@@ -289,7 +290,7 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the matching skills of all source demonstrations in the order in which they are tried.
+        """Return the matching skills of all source demonstrations, in the order in which they should be tried.
 
         For a placement, the source demonstration that was used for the pick comes first, because the object is then
         held in the same way.
@@ -307,7 +308,7 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return how far the pose of a skill's object differs between the source demonstration and the scene.
+        """Return the difference between the object's pose in the source demonstration and its pose in the scene.
 
         For a placement, the poses of the target are compared instead. A rotation of 1 rad counts as 1 m.
         """
@@ -318,7 +319,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return how far the arm is from the start of a skill. A rotation of 1 rad counts as 1 m."""
+        """Return the distance of the arm from the first pose of a skill. A rotation of 1 rad counts as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -335,7 +336,7 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield the skills transferred to this scene, with variants for objects that may have any rotation.
+        """Transfer skills of the source demonstrations to this scene, and yield each transferred skill with its source.
 
         For an object that can be grasped from any side, the grasp is first rotated about the object's axis by
         ``turn_rad``. If all skills are blocked, other rotations are tried. If a container is filled differently than in
@@ -379,7 +380,10 @@ class Amplifier:
         return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
     def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
-        """Return a collision-free path to a start of a skill. Return None if there is none."""
+        """Return a collision-free path to the start of a skill, or to a later step of its approach.
+
+        Return None if there is none.
+        """
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:
             begin = skill.moved.begin_within(radius)
@@ -438,12 +442,12 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return the factor by which a skill is sped up so that it matches the tempo of the demonstration."""
+        """Return the factor that adapts the speed of a skill to the tempo of the primary source demonstration."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 
     def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
-        """Move to the start of a skill at the tempo of the demonstration."""
+        """Move to the start of a skill at the tempo of the primary source demonstration."""
         self._quiet = False
         pace = CARRY if held is not None else FREE
         gripper = OPEN if held is None else 1.0
@@ -462,7 +466,7 @@ class Amplifier:
         return replace(pace, speed=s * pace.speed, corner_speed=s * pace.corner_speed, turning=s * pace.turning)
 
     def _play(self, state: WorldState, moved: CarriedOver) -> Motion:
-        """Execute a skill. Before the gripper moves, the arm settles without noise."""
+        """Execute a transferred skill. Before the gripper opens or closes, the arm settles without action noise."""
         before = OPEN if moved.gripper[moved.change] > 0.0 else 1.0
         for i, (target, gripper) in enumerate(zip(moved.targets, moved.gripper, strict=True)):
             changes = (gripper > 0.0) != (before > 0.0)
@@ -490,7 +494,7 @@ class Amplifier:
     def _close(self, state: WorldState, goal: Pose) -> Motion:
         """Close the fingers until they stop.
 
-        This object may be narrower than the object in the source demonstration.
+        The recorded gripper motion is not repeated, since the object may be narrower than in the source demonstration.
         """
         still = 0
         for _ in range(SETTLE_STEPS):
@@ -502,7 +506,7 @@ class Amplifier:
         return state
 
     def _leave(self, state: WorldState) -> Motion:
-        """Retreat upward at the end. The source demonstration may have ended before the gripper left the object."""
+        """Retreat upward at the end. The source demonstration may have ended before its gripper had left the object."""
         if state.held is not None:
             return state
         goal = state.commanded_pose.translated(z=LEAVE_M)

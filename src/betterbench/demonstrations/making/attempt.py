@@ -150,7 +150,7 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Decide whether an attempt is accepted. It must meet all requirements of a demonstration set.
+    """Decide whether an attempt is accepted, i.e. meets all requirements for demonstrations.
 
     Call this function while the scene is still at the end of the episode.
 
@@ -183,9 +183,9 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Continue the simulation after the end of an episode, and return a failure if the goal does not stay met.
+    """Continue the simulation after the end of an episode, and return a failure if the goal is then no longer met.
 
-    If the correct behavior is to do nothing, nothing is checked, and the result is None.
+    If the correct behavior is to do nothing, the simulation is not continued, and the result is None.
     """
     if scene.condition.expected is not Expected.SUCCEED:
         return None
@@ -208,7 +208,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first deviation of an episode from the certified training distribution of its task.
+    """Return a description of the first deviation of an episode from the certified training distribution of its task.
 
     Return None if there is no deviation, or if the variation is declared to lie outside the training distribution.
     """

@@ -40,10 +40,10 @@ class DemonstrationManner:
         approach_height_m: Height above the grasp at which the final approach begins [m].
         approach_offset_m: Horizontal distance from the grasp at which the final approach begins [m].
         approach_bearing_rad: Direction of this horizontal offset in the world frame [rad].
-        grasp_turn_rad: Random preference among gripper rotations: maximum value that is added to or subtracted from the
-            cost of each rotation when grasps are ranked [rad].
+        grasp_turn_rad: Strength of the random preference among gripper rotations. When grasps are ranked, a random
+            value of at most this size is added to or subtracted from the cost of each rotation [rad].
         raise_m: Additional height of transits [m].
-        detour_m: Largest sideways displacement of a transit's midpoint [m].
+        detour_m: Largest sideways displacement of the midpoint of a transit, i.e. of the motion between two skills [m].
         pause_s: Mean duration of a pause [s].
         pause_rate: Probability of a pause at each moment where a pause is possible.
         miss_rate: Probability of a missed grasp, in which the gripper closes too early and opens again.
@@ -89,7 +89,7 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 
 @dataclass
 class VariedSkills(Skills):
-    """The expert's skills, executed in a motion style.
+    """Skills of the expert, executed in a motion style.
 
     Detours and missed grasps are planned like all other motions. They are left out if an obstacle blocks them.
 
@@ -178,7 +178,10 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """During the descent to a grasp, close and open the gripper above the object, if this touches nothing."""
+        """During the descent to a grasp, close and reopen the gripper above the object.
+
+        Skip this if anything is in the way.
+        """
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]

@@ -109,11 +109,11 @@ class Method:
     robot: str = USUAL_ROBOT
 
     def task(self, name: str) -> Task:
-        """Return a task whose training conditions are replaced by the conditions of the training distribution."""
+        """Return a task in which the conditions of the chosen training distribution replace the training conditions."""
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return the planned initial states of a task.
+        """Return the initial states from which a task is to be demonstrated.
 
         There are ``demos`` initial states per training condition of the task. If another training distribution is used,
         the same total is divided among its conditions.
@@ -227,7 +227,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """Progress of a set: number of finished and planned demonstrations, number of attempts, and the last outcome."""
+    """Progress of a set: numbers of finished and planned demonstrations and of attempts, and the last outcome."""
 
     done: int
     planned: int
@@ -409,7 +409,7 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set in rounds, until each initial state has a demonstration or has no further replacement."""
+    """Make a demonstration set in rounds, until each initial state has a demonstration or no replacement is left."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
@@ -475,7 +475,7 @@ def _is_settled(start: Start, *, found: Mapping[TrialId, StartOutcome], journal:
 
 
 def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the plan and the context of a run, which are stored in ``run.json``."""
+    """Return the plan and the context of a run, as stored in ``run.json``."""
     trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
     plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality, method.robot)
     policy = {"address": method.policy, "name": method.policy, "needs_images": False}

@@ -1,9 +1,10 @@
 """Transfer of a skill to another scene, keeping its motion relative to the object or the target region.
 
 A pick or a slide keeps its motion relative to the object: ``T_new(t) = T_object_new  T_object_source^-1
-T_target_source(t)``. If the object is a different instance of the category, the motion is also shifted. A placement
-keeps the path of the object's base relative to the target region, because the object may be held differently. The poses
-are the commands sent to the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
+T_target_source(t)``. If the object in the new scene is a different instance of the object's category, the motion is
+also shifted. A placement keeps the path of the object's base relative to the target region, because the object may be
+held differently. The poses are the commands sent to the controller, not the measured poses of the arm (Mandlekar et
+al., MimicGen, 2023).
 """
 
 from __future__ import annotations
@@ -49,7 +50,9 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step from which on all poses stay close to the pose at which the gripper moves.
+        """Return the first step of the final approach.
+
+        In the final approach, all poses are close to the pose at which the gripper moves.
 
         Args:
             radius_m: Maximum distance from that pose [m].
@@ -125,7 +128,7 @@ def carry_place(
         window: Names of the object and the target in this scene.
         keep_tool: Whether to keep the rotation of the tool instead of the rotation of the object, for objects that may
             have any heading.
-        foot: Position of the object's base in the world frame at which it is released [m]. The default is the
+        foot: Position in the world frame that the object's base has when it is released [m]. The default is the
             placement that the expert considers nearest to the release in the source demonstration.
 
     Returns:

@@ -49,7 +49,7 @@ class SourceSkill:
         source: Name of the demonstration, "TASK/CONDITION/SEED".
         window: Rows of the skill in the demonstration.
         object: Object that is picked, released or moved.
-        asset: Asset of this object.
+        asset: Asset (object model) of this object.
         frame: ``T_world_reference`` at the beginning of the window. The reference is the object or, for a placement,
             the target region.
         object_pose: ``T_world_object`` at the beginning of the window.
@@ -59,8 +59,8 @@ class SourceSkill:
         gripper: Gripper command at each of these steps.
         change: Index of the first step at which the gripper moves.
         T_tcp_foot: For a placement, the pose of the object's base in the gripper just before the gripper opens.
-        anchor: For a placement, the placement of the expert that is nearest to the release, as the position of the
-            object's base in the world frame [m].
+        anchor: For a placement, the one of the expert's possible placements that is nearest to the release, as the
+            position of the object's base in the world frame [m].
         spread_m: For a placement, how much wider the gripper opens than the object [m].
         slid_m: Distance by which a drawer is moved along its own x axis [m].
         width_m: Gripper width at the beginning of the window [m].
@@ -133,7 +133,7 @@ class Library:
 
 
 def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
-    """Return the key by which a skill is matched with the skills of other demonstrations.
+    """Return the key of a skill. Skills in different demonstrations correspond to each other if their keys are equal.
 
     Args:
         info: Objects of the scene.
@@ -231,7 +231,7 @@ def _targets(record: Record, start: int, stop: int) -> tuple[Pose, ...]:
 
 
 def _require_objects(record: Record, planned: Collection[str]) -> None:
-    """Raise RecordError if a record does not have the objects that its condition plans."""
+    """Raise RecordError if a record contains other objects than its condition specifies."""
     meta = record.metadata
     other = sorted({o.name for o in meta.scene.objects} ^ set(planned))
     if other:
