@@ -244,14 +244,14 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
 def _skill_of(
     record: Record, window: SkillWindow, asset: Asset, *, lead_in: tuple[Pose, ...] | None, tempo_mps: float
 ) -> SourceSkill:
-    """Return the skill in a window of a record.
+    """Create a source skill from the rows of a record in which the skill is executed.
 
     Args:
         record: Record of the demonstration.
         window: Rows of the skill.
         asset: Asset of the skill's object.
-        lead_in: Commanded poses before the window; None if the gripper missed a grasp.
-        tempo_mps: Mean speed of the tool in transits [m/s].
+        lead_in: Commanded poses between the previous skill and this one; None if the gripper missed a grasp in between.
+        tempo_mps: Mean speed of the tool in the transits of the demonstration [m/s].
     """
     first = max(1, window.start)
     rows = range(first, max(window.stop, window.change + 1))
@@ -299,8 +299,8 @@ def nearest_goal(
 ) -> tuple[float, float, float] | None:
     """Return the placement nearest to a point among those that the expert considers, as the object's base position [m].
 
-    The placements account for the sizes of the objects and for objects that are already at the target, which a rigid
-    transform of the source demonstration would not. Return None if no placement is within the given distance.
+    Unlike a rigid transform of the recorded motion, these placements take into account how large the objects are and
+    which objects are already at the target. Return None if no placement is within the given distance.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
@@ -339,7 +339,7 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
     """Return the transform ``T_object_object`` that turns a grasp on one asset into the same grasp on another asset.
 
-    The grasp is matched with the nearest annotated grasp of its asset, which is then replaced by the corresponding
+    The annotated grasp nearest to the given grasp is looked up in the first asset, and replaced by the corresponding
     annotated grasp of the other asset. The result is the identity if both assets are the same, or if no annotated grasp
     is near.
     """

@@ -1,10 +1,10 @@
 """Choose initial states of demonstrations that cover the training distribution evenly.
 
-An initial state is described by discrete levels of several factors: for each relevant object, the cell in which its
-slot places it and its rotation, and the appearance of the scene. Seeds are divided into blocks of consecutive seeds.
-From each block, the seed is used whose levels have occurred least so far. The blocks do not overlap and do not depend
-on the number of initial states, so a larger set contains the smaller one. If a seed is abandoned, it is replaced by the
-most similar seed of a spare block.
+An initial state is described by discrete levels of several factors. The factors are the appearance of the scene and,
+for each slot of a relevant object, the object's position (a cell of the slot) and its rotation. Seeds are divided into
+blocks of consecutive seeds. In each block, the seed whose levels have occurred least often so far is chosen. The blocks
+do not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. If a seed is
+abandoned, it is replaced by the most similar seed of a spare block.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a condition. Slots of the objects to move come before slots of targets."""
+    """Return the random factors of a condition. The factors of objects to be moved come before those of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -121,7 +121,7 @@ def _level(share: float) -> int:
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return the planned demonstrations of a task.
+    """Choose the initial states from which a task is demonstrated.
 
     Args:
         task: The task.
@@ -175,7 +175,7 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return a replacement for a planned initial state whose seeds have been abandoned ``round_`` times.
+    """Return a replacement for a planned initial state from which no demonstration could be made in ``round_`` rounds.
 
     Each replacement is chosen to be similar to the original initial state, not to the previous replacement. Return None
     if there have been too many replacements.
@@ -198,7 +198,7 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
 
 def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return planned demonstrations like :func:`planned_starts`, but with the same seeds in all conditions."""
+    """Choose initial states like :func:`planned_starts`, but with the same seeds in all training conditions."""
     most = max(numbers)
     first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
     seeds = [start.seed for start in first if start.condition == task.training[0].name]
@@ -211,7 +211,8 @@ class FactorCoverage:
 
     Attributes:
         counts: Number of initial states at each level.
-        filled: Number of covered levels, as a fraction of the largest number that this many initial states can cover.
+        filled: Number of levels with at least one initial state, divided by the largest number that this many initial
+            states could cover.
         evenness: Number of initial states at the rarest level, divided by the mean over all levels.
     """
 

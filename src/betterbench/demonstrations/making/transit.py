@@ -40,8 +40,8 @@ def carry_transit(
 ) -> tuple[Pose, ...] | None:
     """Transfer the transit to the step ``begin`` of a skill to other end points. Return one pose per control step.
 
-    Seen from above, the transit is rotated and stretched along the line between its end points. Its sideways offset
-    from this line and its height are kept, apart from the different end points and the variation.
+    Seen from above, the transit is rotated and stretched along the line between its end points. Otherwise, its sideways
+    offset from this line and its height stay the same, except for the requested variation.
 
     Args:
         skill: The skill in the source demonstration.

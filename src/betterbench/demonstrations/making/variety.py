@@ -200,7 +200,10 @@ def variety_of_run(
 
 
 def mean_spread(spreads: Sequence[Spread]) -> Spread:
-    """Return the mean of one or more spreads. The grasp values are averaged over the spreads that have a grasp."""
+    """Return the mean of one or more spreads.
+
+    The grasp values are averaged over those spreads that have grasp values.
+    """
     means: dict[str, float | None] = {}
     for name in SPREADS:
         values = [v for v in (getattr(spread, name) for spread in spreads) if v is not None]
@@ -209,7 +212,10 @@ def mean_spread(spreads: Sequence[Spread]) -> Spread:
 
 
 def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
-    """Return the variety of a set as Markdown lines. The source demonstrations of a task are listed above the set."""
+    """Return the variety of a demonstration set as Markdown lines.
+
+    For each task, the variety of the source demonstrations is listed above the variety of the set.
+    """
     if not variety:
         return ["## Variety", "", "No condition has two demonstrations that could be compared."]
     cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
@@ -219,8 +225,8 @@ def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]
 def variety_rows(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[tuple[str, ...]]:
     """Return the rows of the variety table.
 
-    Each row has the task, "sources" or "set", and the values of the spread. There is one row per task for the set, and
-    one for its source demonstrations if there are any.
+    Each row contains the task, the word "sources" or "set", and the values of the spread. A task has one row for the
+    set and, if there are source demonstrations, one row for them.
     """
     of_sources = {t.task: t for t in sources}
     rows: list[tuple[str, ...]] = []

@@ -1,6 +1,7 @@
 """Recipe for training Being-H0.5 with its own trainer.
 
-The recipe consists of a data configuration and of settings for sequence packing, which determines the batch size.
+The recipe consists of a data configuration and of settings for sequence packing. These settings determine the batch
+size.
 
 The fields are taken from BeingBeyond/Being-H@594219ea: ``BeingH/train/train.py`` (arguments),
 ``scripts/train/train_libero_example.sh`` (values), ``configs/data_config.py`` and ``configs/dataset_info.py``

@@ -136,7 +136,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
 
 
 def _flags(settings: tuple[Setting, ...]) -> list[tuple[str, str]]:
-    """Return the command-line flags for the settings, in the syntax of tyro, which parses them in the launcher."""
+    """Return the command-line flags for the settings, in the syntax of tyro, which the launcher uses to parse them."""
     found = []
     for setting in settings:
         if not setting.name.startswith("--"):

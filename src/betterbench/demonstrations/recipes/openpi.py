@@ -178,7 +178,7 @@ def _real_settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
 
 
 def _real_files(name: str, settings: tuple[Setting, ...]) -> dict[str, str]:
-    """Return the launcher, and the module that the data loader's processes import."""
+    """Return the launcher and the module that the processes of the data loader import, as contents by file name."""
     values = {setting.name: setting.value for setting in settings}
     texts = {field.replace(".", "_"): repr(value) for field, value in values.items()}
     imports = "    import openpi.shared.nnx_utils as nnx_utils\n" if "nnx_utils" in values["freeze_filter"] else ""

@@ -66,9 +66,9 @@ class Recipe:
         name: Name of the recipe, which is used in the names of configurations and folders.
         benchmark: Benchmark whose demonstrations are used for training.
         form: Content of the user's recipe file.
-        fixed: Values of ``steps`` and ``batch`` without the user's file, each with its origin and the place in the
-            origin where it is stated.
-        frozen: Frozen parts of the backbone by framework, with the place in the paper where they are stated.
+        fixed: Values of ``steps`` and ``batch`` that apply if the user's file does not set them, each with its source
+            and the passage of the source that states it.
+        frozen: Frozen parts of the backbone by framework, with the passage of the paper that states them.
         policies: Steps and batch size by policy type, for the policy types of LeRobot that have a different recipe.
     """
 
@@ -98,7 +98,7 @@ class Recipe:
         """Return the number of steps between two checkpoints, chosen so that the last step is saved.
 
         Args:
-            usual: Number of steps to use if it divides the total number of steps.
+            usual: Preferred number of steps, which is used if it divides the total number of steps.
         """
         return usual if self.steps % usual == 0 else self.steps
 
@@ -125,10 +125,10 @@ class Recipe:
         return found
 
     def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
-        """Return the frozen parts of the backbone for a framework, with the origin of this choice.
+        """Return the frozen parts of the backbone for a framework, with the source of this choice.
 
-        The parts are None if the framework's default is used. The last returned value is the place in the origin where
-        the choice is stated.
+        The parts are None if the framework's default is used. The last of the returned values is the passage of the
+        source that states the choice.
         """
         given = (self.form.frozen or {}).get(framework)
         if given is not None:
@@ -144,10 +144,10 @@ def given_or(name: str, given: object, value: object, origin: Origin, where: str
 
     Args:
         name: Name of the field in the framework.
-        given: Value in the recipe file; None if it has none.
+        given: Value in the recipe file; None if the file does not set the field.
         value: Default value.
-        origin: Origin of the default value.
-        where: Place in the origin where the default value is stated.
+        origin: Source of the default value.
+        where: Passage of the source that states the default value.
     """
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 

@@ -1,4 +1,4 @@
-"""Setup for training by a recipe: the framework's files, configuration fields with sources, and manual checks."""
+"""Setup for training by a recipe: files for the framework, settings with their sources, and manual checks."""
 
 from __future__ import annotations
 
@@ -373,15 +373,19 @@ def real_checks(data: TrainingData) -> tuple[str, ...]:
 def evaluation_lines(
     recipe: Recipe, data: TrainingData, *, address: str, on_libero: str, libero_address: str | None = None
 ) -> str:
-    """Return the commands that evaluate the trained policy on betterbench's suite or with the benchmark's own code.
+    """Return the commands that evaluate the trained policy.
+
+    Policies trained on betterbench's own demonstrations are evaluated on its suite. Policies trained for LIBERO are
+    evaluated with LIBERO's own code and, if possible, also on betterbench's suite.
 
     Args:
         recipe: Recipe of the training.
         data: Data set of the training.
-        address: Policy address on betterbench's suite, such as ``openpi://localhost:8000``, for a recipe of this suite.
-        on_libero: Commands of the framework's own evaluation on LIBERO, for a recipe of LIBERO.
-        libero_address: Policy address on betterbench's suite, for a recipe of LIBERO; None if the policy cannot be
-            evaluated on this suite.
+        address: Policy address, such as ``openpi://localhost:8000``, for a policy trained on betterbench's
+            demonstrations.
+        on_libero: Commands of the framework's own LIBERO evaluation, for a policy trained for LIBERO.
+        libero_address: Policy address with which a policy trained for LIBERO is evaluated on betterbench's suite; None
+            if this is not possible.
     """
     if recipe.benchmark == "better":
         return _evaluation_line(address, recipe, data)

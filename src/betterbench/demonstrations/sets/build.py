@@ -1,4 +1,4 @@
-"""Production of a training set: demonstrations, the checks of the demonstrations, and derived files.
+"""Production of a training set: the demonstrations, their checks, and files derived from them.
 
 ``OUT/recipe.json`` is the recipe, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the other
 files are derived from the records. ``OUT/dataset.json`` is written last and marks the set as complete.
@@ -171,7 +171,10 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Check that each record lies within the training distribution. Return counts, facts for the audit, and variety."""
+    """Check that each record lies within the training distribution.
+
+    Return the statistics of the set, the facts for the shortcut audit, and the variety of the demonstrations.
+    """
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
@@ -198,7 +201,10 @@ def _missing(recipe: SetRecipe, there: int) -> int:
 
 
 def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
-    """Draw a sheet of initial states for each task. Return the path of each sheet, or the reason why it is missing."""
+    """Draw a sheet of initial states for each task.
+
+    Return the path of each sheet, or the reason why it was not drawn.
+    """
     found: dict[str, str] = {}
     tasks = list(dict.fromkeys(trial.task for trial in trials))
     for count, task in enumerate(tasks, start=1):

@@ -122,7 +122,7 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
-    """Yield one section per task, with its picture, the independently varied factors, and the number of twins.
+    """Yield one section per task: picture, factors that vary independently of each other, and number of twins.
 
     Twins are demonstrations with the same initial state and different instructions.
     """

@@ -47,7 +47,7 @@ def _pairs_of(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TwinPair]:
 
 
 def shared_rows(first: Record, second: Record) -> int:
-    """Count the rows at the beginning in which two records have the same states, commands and actions."""
+    """Return the number of initial rows in which two records have the same states, commands and actions."""
     rows = min(len(first), len(second))
     same = np.ones(rows, dtype=bool)
     for name in ("qpos", "qvel", "ctrl", "action"):

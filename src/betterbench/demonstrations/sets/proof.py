@@ -36,14 +36,14 @@ class RegimeBounds:
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
     """Check that a record demonstrates its training distribution and nothing outside of it.
 
-    Return its facts for the audit.
+    Return the facts about the record that the shortcut audit needs.
 
     The initial state, the order of the subgoals, the grasps and the releases are computed from the recorded states.
 
     Raises:
-        RecordError: If the record has a test seed, is not successful, does not match the initial state or the order of
-            its condition, demonstrates a test condition, or contains a pick or placement outside the certified training
-            support.
+        RecordError: If the record has a test seed, is not successful, has a different initial state or order of
+            subgoals than its condition, demonstrates a test condition, or contains a pick or placement outside the
+            certified training support.
     """
     meta = record.metadata
     if meta.seed < FIRST_DEMONSTRATION_SEED:

@@ -1,4 +1,4 @@
-"""Recipe of a training set: all values that determine its bytes, and the command that reproduces it."""
+"""Recipe of a training set: all settings that determine its content, and the command that reproduces it."""
 
 from __future__ import annotations
 
@@ -116,8 +116,8 @@ def keep_recipe(recipe: SetRecipe, out: Path) -> None:
 def require_recipe(recipe: SetRecipe, out: Path) -> None:
     """Raise an error if a training set with this recipe must not be written into a folder.
 
-    The folder may be empty or contain a set with the same recipe. Its recipe may also have a smaller ``demos``, because
-    a larger set contains the smaller one.
+    The folder may be empty or contain a set with the same recipe. The recipe in the folder may also have a smaller
+    value of ``demos``, because a larger set contains the smaller one.
 
     Raises:
         RunConflictError: If the folder contains other files, or the set of another recipe.

@@ -27,10 +27,7 @@ class AskedQuestion:
 
 
 def tested_text(questions: Iterable[AskedQuestion]) -> str:
-    """Return the titles of the tested questions, separated by semicolons.
-
-    Return "nothing" if no question was tested.
-    """
+    """Return the titles of the tested questions, separated by semicolons, or "nothing" if no question was tested."""
     done = [q for q in questions if not q.untested]
     return "; ".join(f"{q.title} ({q.compared})" if q.compared else q.title for q in done) or "nothing"
 

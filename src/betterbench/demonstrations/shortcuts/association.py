@@ -45,7 +45,7 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return the index of each value in the sorted distinct values, and the number of distinct values."""
+    """Return, for each value, its index among the sorted distinct values. Also return the number of distinct values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
@@ -142,8 +142,8 @@ def random_orders(draw: np.random.Generator, rows: int, n: int, block: _Ints | N
 
     The result is the same as ``np.argsort(draw.random((rows, n)), axis=1)``.
 
-    If ``block`` gives the block of each index, (n,), the blocks are in ascending order in every row, and only the order
-    within each block is random, as in ``np.argsort(draw.random((rows, n)) + block, axis=1)``.
+    If ``block`` is given, it contains the block of each index (n,). The blocks are then in ascending order in every
+    row, and only the order within each block is random, as in ``np.argsort(draw.random((rows, n)) + block, axis=1)``.
 
     A random number is the upper 53 bits of a raw draw of PCG64. For up to 2,048 indices, the block is stored in front
     of these bits and the index behind them. Sorting the resulting integers takes a fifth to three quarters of the CPU
@@ -176,7 +176,7 @@ def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
-    """Count how often each first value occurs with each second value, separately for each permutation.
+    """Count how often each value of the first variable occurs with each value of the second in every permutation.
 
     Args:
         mixed: (rows, n) permuted codes of the first variable.
@@ -194,7 +194,10 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 
 
 def counts_log_counts(n: int) -> _Floats:
-    """Return c log2 c for each count c from 0 to n, since the entropy of counts is a sum of these terms."""
+    """Return c log2 c for each count c from 0 to n.
+
+    The entropy of a distribution of counts is computed from these terms.
+    """
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     return logs
@@ -274,7 +277,11 @@ def features_test(
     hx = math.log2(n) - margin_x / n
 
     def bits_of(labels: _Ints) -> _Floats:
-        """Return the mutual information of every feature with each row of outcomes, as a (rows, features) array."""
+        """Return the mutual information of every feature with each row of outcomes, as a (rows, features) array.
+
+        Args:
+            labels: (rows, episodes) outcome of each episode, in several permutations.
+        """
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
             joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)  # sums of ones are exact

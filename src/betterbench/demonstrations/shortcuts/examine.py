@@ -1,4 +1,4 @@
-"""Shortcut audit: associations in a data set that exceed chance, and the variations in which they do not hold."""
+"""Shortcut audit: associations in a data set that exceed chance, and the variations in which the associations break."""
 
 from __future__ import annotations
 
@@ -115,16 +115,19 @@ class Finding:
         title: The question in words.
         subject: Word or object that the question is about; "" for questions about all objects.
         bits: Mutual information [bit].
-        strength: From 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`. For complete
-            instructions, see :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
+        strength: Strength of the association from 0 to 1, see
+            :class:`~betterbench.demonstrations.shortcuts.association.Association`. For complete instructions, see
+            :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
         p_value: p-value of the permutation test; None if there was nothing to permute because the value is constant.
-        p_adjusted: p-value times the number of questions that are corrected together.
+        p_adjusted: p-value multiplied by the number of questions whose p-values are corrected together.
         n: Number of observations.
         verdict: Verdict, see :data:`Verdict`.
         rules: Rules that a policy could follow, in words.
-        seen: Counts behind the rules: counts of the second values by first value.
+        seen: Counts from which the rules were derived: for each value of the first variable, the counts of the values
+            of the second variable.
         separating: Variations in which correct behavior violates the rule, each with the observation that violates it.
-        meaning: Reason why the words imply this outcome, which makes the rule a regularity; "" if no reason is known.
+        meaning: Reason why the words imply this outcome by their meaning. The rule is then a regularity and not a
+            shortcut. "" if no reason is known.
     """
 
     question: str
@@ -150,8 +153,8 @@ class GroupAudit:
         group: Name of the task or of the data set.
         episodes: Number of demonstrations, or of segments with one instruction.
         findings: One finding per tested question.
-        notes: Remarks on what could not be tested, with reasons.
-        smallest: For each question, the smallest rule that the audit would have found with this number of
+        notes: Remarks on questions that could not be tested, with the reasons.
+        smallest: For each question, the smallest rule that the audit would have detected with this number of
             demonstrations.
         asked: Tested and untested questions.
     """
@@ -169,7 +172,7 @@ class GroupAudit:
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """Questions for which there are too few demonstrations to find every strong rule."""
+        """Questions for which even a strong rule could have been missed, because there are too few demonstrations."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
@@ -238,14 +241,14 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """Finding before the correction for multiple tests.
+    """Finding whose p-value is not yet corrected for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
-        rules: Counts behind the rules.
+        rules: Counts from which the rules were derived.
         certain: Whether one of the rules holds always or nearly always.
         parts: Words that the question is about: one entry for a single word, two entries for a pair of words.
-        columns: Indices of these entries among the tested words.
+        columns: Indices of these words among the tested words.
     """
 
     finding: Finding
@@ -261,7 +264,8 @@ class _Group:
 
     Attributes:
         pairs: Questions about pairs of words.
-        planted: Data for planting artificial rules, one entry for each question with a permutation test.
+        planted: One entry for each question with a permutation test. Artificial rules are planted in its data to
+            determine the smallest rule that the test would detect.
         asked: Tested and untested questions.
     """
 
@@ -276,7 +280,7 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Tested question, for which the audit computes the smallest rule that it would detect."""
+    """Question that was tested, with the data needed to compute the smallest rule that the audit would detect."""
 
     question: str
     title: str
@@ -286,7 +290,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """Question about word pairs, with the numbers of demonstrations, tested pairs and distinct outcomes."""
+    """Tested question about word pairs, with the numbers of demonstrations, word pairs and distinct outcomes."""
 
     question: str
     title: str
@@ -311,7 +315,10 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return the finding for a question about named objects. Return None if one of the two variables is constant."""
+    """Return the finding for a question about objects with known names.
+
+    Return None if one of its two variables is constant.
+    """
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
@@ -354,8 +361,7 @@ class _Said:
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
     """Return the words that occur in at least two demonstrations and are absent from at least two.
 
-    If there are too many such words, the least informative are left out, and a note about this is appended to
-    ``notes``.
+    If there are too many such words, the least informative words are left out, and ``notes`` gets a remark about this.
     """
     texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
     of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
@@ -518,8 +524,8 @@ def _answers_about_instructions(
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
     """Return, for each instruction, the words whose meaning determines the outcome, joined into one string.
 
-    If the outcome is a place, these are the words that name places. If it is the order of the objects, they are the
-    words that name objects, in the order of the instruction.
+    If the outcome is a place, these are the words that name places. If the outcome is the order in which objects are
+    moved, these are the words that name objects, in the order in which the instruction contains them.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -535,7 +541,10 @@ def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
-    """Return the association between an outcome and the presence of both words, with the p-value of the word pair."""
+    """Return the association between an outcome and the presence of both words of a pair.
+
+    The p-value was computed earlier, together with those of the other word pairs.
+    """
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
@@ -555,7 +564,7 @@ def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
 
 
 def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return which tables show a word that determines the outcome, as defined by :func:`_nearly_always`.
+    """Return a mask of the tables in which the word determines the outcome, as defined by :func:`_nearly_always`.
 
     Args:
         joint: (tables, 2, outcomes) counts of the outcomes without and with the word.
@@ -569,7 +578,7 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return which tables have a first value that always occurs with the same second value, as in :func:`_certain`.
+    """Return a mask of the tables that contain a certain rule, as defined by :func:`_certain`.
 
     Args:
         joint: (tables, nx, ny) joint counts of the two variables' values.
@@ -608,10 +617,10 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 
 
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
-    """Return the smallest fraction of the demonstrations that a rule about two words must decide to be detected.
+    """Return the smallest fraction of the demonstrations at which the audit detects a rule about two words.
 
-    Both words are assumed to occur in half of the demonstrations. Return None if there are too few demonstrations for
-    any such rule to be detected.
+    The fraction counts the demonstrations whose outcome the rule determines. Both words are assumed to occur in half of
+    the demonstrations. Return None if there are too few demonstrations for any such rule to be detected.
     """
     if asked.n // 4 < FEWEST:
         return None
@@ -672,7 +681,7 @@ def _shares(seen: Counter[str]) -> str:
 
 
 def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
-    """Correct the p-values of all groups together, and decide the verdict of each finding."""
+    """Correct the p-values of all groups together, and give each finding its verdict."""
     counts = Counter(_family(g, q.question) for g in groups for q in g.asked if not q.untested)
     judged = []
     for group in groups:
@@ -701,10 +710,10 @@ def _family(group: _Group, question: str) -> str:
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Set the verdict "none" for findings about character runs that overlap the run of a stronger finding.
+    """Set the verdict "none" for findings about runs of characters that overlap the run of a stronger finding.
 
-    In a script without spaces, parts of a word and longer runs that contain the word all have similar associations, so
-    only the strongest is kept.
+    In a script without spaces, runs of characters are tested instead of words. Parts of a word and longer runs that
+    contain the word have similar associations, so only the strongest of them is kept.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -739,10 +748,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return the facts of correct behavior in each variation of a task.
-
-    Return None if the group is not a known task.
-    """
+    """Return the facts about correct behavior in each variation of a task, or None if the group is not a known task."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -750,7 +756,10 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Return whether a finding is significant and either strong or certain (see ``certain`` in :class:`_Raw`)."""
+    """Return whether a finding counts.
+
+    It must be significant, and be strong or certain (see ``certain`` in :class:`_Raw`).
+    """
     if p_value is not None and p_value > ALPHA:
         return False
     always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
@@ -791,9 +800,9 @@ def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> s
 
 
 def _certain(rules: Rules) -> bool:
-    """Return whether some first value always occurs with the same second value.
+    """Return whether one value of the first variable always occurs with the same value of the second variable.
 
-    Return False if all second values are equal.
+    Return False if the second variable has the same value in all demonstrations.
     """
     if len({y for ys in rules.values() for y in ys}) < 2:
         return False
@@ -805,7 +814,7 @@ def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
 
     Args:
         finding: Finding that states the rule.
-        raw: Counts behind the rule.
+        raw: Counts from which the rule was derived.
         test: Facts of correct behavior in the variation.
     """
     rules = raw.rules

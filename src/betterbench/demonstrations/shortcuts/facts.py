@@ -1,9 +1,9 @@
 """Facts about demonstrations for the shortcut audit.
 
 The facts of a demonstration are its instruction, the moved objects with their origins and targets, and the initial
-layout. They are computed from the states of a record, from the specification of a condition, or, for an external data
-set, from instruction, actions and proprioception. Objects in external data sets have no names, and places are named by
-their positions.
+layout. They are computed from the states of a record or from the specification of a condition. For an external data
+set, they are computed from instructions, actions and proprioception. In this case the objects have no names, and places
+are named by their positions.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class EpisodeFacts:
         steps: Manipulation steps, in order of time.
         standing: Kind and slot of every loose object on the table at the start.
         landmarks: Kind and slot of every object that cannot be picked.
-        heading: First direction of the gripper; "" if unknown.
+        heading: Direction in which the gripper moves first; "" if unknown.
     """
 
     episode: str
@@ -123,7 +123,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return the facts that an episode with correct behavior would have in a condition.
+    """Return the facts about correct behavior in a condition.
 
     If a word of the instruction can refer to several objects, the first of these objects is used.
     """
@@ -143,7 +143,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the first direction of a tool, as one of :data:`HEADINGS`. Return "" if the tool does not move far enough.
+    """Return the direction in which a tool moves first, as one of :data:`HEADINGS`. Return "" if it moves too little.
 
     Args:
         positions: (T, 3) positions of the tool [m].

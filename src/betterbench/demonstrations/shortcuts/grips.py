@@ -55,7 +55,10 @@ class Jaws:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Range of a gripper that never moves, and the evidence for this; the evidence is "" if all values are equal."""
+    """Range of values of a gripper that never moves, with the evidence that it never moves.
+
+    The evidence is "" if all values are equal.
+    """
 
     low: float
     high: float
@@ -70,11 +73,11 @@ class Still:
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
     """Find the grippers that never move: their values are constant, or are only the noise of an idle arm.
 
-    Values count as noise in comparison with another gripper in the same column, or in a column whose name differs only
-    in the side (left or right). They are noise if their range is less than :data:`IDLE_SHARE` of the other gripper's
-    range, or if their range is smaller than the other gripper's and they alternate faster than a gripper can move. In
-    the first case, a gripper that switches between two positions still counts as moving, because its values may have a
-    different unit.
+    Values are recognized as noise by comparison with another gripper. It must be in the same column, or in a column
+    whose name differs only in the side (left or right). The values are noise in two cases. First, their range is less
+    than :data:`IDLE_SHARE` of the other gripper's range. A gripper that switches between two positions still counts as
+    moving then, because its values may have a different unit. Second, their range is smaller than the other gripper's
+    range, and they change faster than a gripper can move.
 
     Args:
         grips: Each gripper with its values (T,) by episode.
@@ -127,9 +130,9 @@ def _ends(values: _Floats) -> tuple[float, float]:
 def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
     """Determine the range, the threshold and the closed end of a moving gripper.
 
-    The closed end is inferred from the gripper's name ("width", "closed") or from values that are widths in meters; if
-    both apply, they must agree. Otherwise it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed, 100
-    open) and from the values with which the episodes begin; if both apply, they must agree.
+    The closed end is inferred from the gripper's name ("width", "closed") and from values that look like widths in
+    meters. If neither of them tells, it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed, 100 open)
+    and from the values with which the episodes begin. Two sources of the same kind must agree.
 
     Args:
         grip: The gripper.

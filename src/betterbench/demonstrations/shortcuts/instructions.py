@@ -70,7 +70,7 @@ def whole_test(
 
 
 def share_told(joint: _Ints) -> _Floats:
-    """Return the fraction of wrong guesses that are avoided by guessing the outcome from the category.
+    """Return the fraction of wrong guesses that are avoided if the outcome is guessed from the category.
 
     The comparison is with always guessing the most frequent outcome. The outcome of each demonstration is guessed from
     the other demonstrations of its category (leave-one-out). Ties count as half right.
@@ -89,9 +89,9 @@ def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
 
 
 def _avoided(joint: _Ints, usual: _Ints) -> _Floats:
-    """Return the fraction of wrong guesses that are avoided by guessing the outcome from the category.
+    """Return the fraction of wrong guesses that are avoided if the outcome is guessed from the category.
 
-    The comparison is with a guess that is right ``usual`` times.
+    The baseline is a guess that is right in ``usual`` demonstrations.
     """
     ranked = np.sort(joint, axis=-1)
     most, second = ranked[..., -1:], ranked[..., -2:-1]

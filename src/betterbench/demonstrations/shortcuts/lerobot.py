@@ -71,12 +71,14 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Columns and conventions of a data set that the user specified. Everything else is recognized by name.
+    """Columns and conventions of a data set that the user specified.
+
+    Columns that the user did not specify are recognized by their names.
 
     Attributes:
         instruction: Column with the instruction, either in the frames or in the tasks file.
-        grippers: Gripper components, one per arm.
-        places: Position components, equally many for each gripper.
+        grippers: Names of the gripper components, one per arm.
+        places: Names of the position components, with the same number of components for each gripper.
         closed: End of the gripper's range that means closed.
         seed: Seed for drawing the sample if there are more than :data:`MOST_EPISODES` episodes.
     """
@@ -90,7 +92,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """Facts about the episodes of a data set, with a description of the data that were read."""
+    """Facts about the episodes of a LeRobot data set, with a description of the data from which they were derived."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
@@ -102,14 +104,15 @@ def is_lerobot_dataset(path: Path) -> bool:
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return the facts of each episode of a LeRobot data set whose columns are recognized by name."""
+    """Return the facts about each episode of a LeRobot data set, in which all columns must be recognizable by name."""
     return read_lerobot(path).facts
 
 
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
-    """Return the facts of each episode of a LeRobot data set. If the instruction changes, return those of each segment.
+    """Return the facts about each episode of a LeRobot data set.
 
-    With two arms, there is one group of facts per arm, and one group about which arm closes its gripper first.
+    If the instruction changes within an episode, there are separate facts about each segment with one instruction. With
+    two arms, there is one group of facts per arm, and another group that states which arm closes its gripper first.
 
     Args:
         path: Folder of the data set.
@@ -275,7 +278,7 @@ class _Stretch:
 
 @dataclass(slots=True)
 class _Scanned:
-    """Usable episodes in all files, and counts of the unusable episodes.
+    """Usable episodes of a data set, and counts of the unusable episodes.
 
     Attributes:
         episodes: Usable episodes.
@@ -295,7 +298,7 @@ class _Scanned:
 
     @property
     def there(self) -> int:
-        """Number of all episodes in the files, usable or not."""
+        """Number of episodes in the files, including unusable ones."""
         return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
 
 
@@ -365,7 +368,10 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
-    """Draw a random sample of at most :data:`MOST_EPISODES` episodes with the same proportions of instructions."""
+    """Draw a random sample of at most :data:`MOST_EPISODES` episodes.
+
+    The instructions occur in the sample in the same proportions as in the data set.
+    """
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
     by_text: dict[str, list[_Stretch]] = {}
@@ -387,7 +393,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Values of an episode for each arm: gripper values (T,) and positions (T, d)."""
+    """Gripper values (T,) and positions (T, d) of each arm in an episode."""
 
     stretch: _Stretch
     grips: Mapping[str, _Floats]
@@ -549,7 +555,7 @@ def _rate(info: Mapping[str, Any]) -> float | None:
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield the facts about one arm for each segment of each episode."""
+    """Yield the facts about one arm for each segment with one instruction in each episode."""
     exact = arm.place.space in ("position", "steps")
     names = []
     for edges in (arm.closings, arm.openings):
@@ -577,7 +583,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield one fact for each segment: which arm closes its gripper first."""
+    """Yield one fact for each segment with one instruction: which arm closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -587,12 +593,12 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """Data that were read and choices that were made, from which the description of the data is written.
+    """Data that were read and choices that were made, for the description of the data set.
 
     Attributes:
         still: Grippers that never move, each with the evidence.
         odd: Indices of the episodes that were left out because of unusable values, by reason.
-        not_drawn: Number of episodes that were not drawn for the sample.
+        not_drawn: Number of episodes that are not in the random sample.
     """
 
     info: Mapping[str, Any]
@@ -638,7 +644,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield a sentence about each way in which frames had to be sorted or joined."""
+    """Yield sentences that describe how the frames had to be sorted or joined."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = (
             f"by episode_index and {key}"

@@ -35,7 +35,7 @@ _NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object"
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Components of a data set, and the role of each component.
+    """Components of a data set's columns, and the role of each component.
 
     Attributes:
         numbers: Components of each column.
@@ -51,7 +51,7 @@ class Columns:
 
     @classmethod
     def of(cls, numbers: Mapping[str, tuple[NamedNumber, ...]], where: str, *, steps: bool) -> Columns:
-        """Recognize the role of each component by its name."""
+        """Determine the role of each component from its name."""
         return cls(numbers, {name: parts_of(found) for name, found in numbers.items()}, where, steps)
 
     @property
@@ -74,7 +74,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures how far the gripper of an arm is closed, and why it was chosen."""
+    """Component that tells how far the gripper of an arm is closed, with the reason why it was chosen."""
 
     arm: str
     number: NamedNumber
@@ -99,7 +99,7 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Choose one gripper component per arm, as given by the user or recognized by name.
+    """Choose one gripper component per arm, either as specified by the user or by its name.
 
     Raises:
         InvalidInputError: If no component is recognized as a gripper, or an arm has two gripper components.
@@ -175,7 +175,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
 
 
 def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
-    """Raise InvalidInputError if the different names of a component disagree on whether it is a gripper."""
+    """Raise InvalidInputError if a component has several names that disagree on whether it is a gripper."""
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
             problem = (
@@ -276,7 +276,9 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm whose position components in a column belong to a gripper. Return nothing if this is ambiguous.
+    """Return the arm whose position components belong to a gripper, as a tuple with one name.
+
+    Return an empty tuple if the column has no such components, or if the choice is ambiguous.
 
     Args:
         columns: Components of the data set.
@@ -314,7 +316,9 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Use all components of a state column without names as the position, if the data set has a single gripper.
+    """Use all components of a state column as the position.
+
+    They must have no names, and there must be a single gripper.
 
     Raises InvalidInputError if there are several grippers, if some components have names, or if there is no state
     column.
@@ -330,7 +334,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]
     if not left:
         raise InvalidInputError(
-            columns.where, f"all components of {column} belong to the gripper", "Correct their names"
+            columns.where, f"all components of {column} belong to the gripper", "Correct the names of these components"
         )
     telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
@@ -344,9 +348,9 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the closed end of a gripper's range, ``low`` or ``high``, if the gripper's name implies it.
+    """Return the end of a gripper's range that means closed, ``low`` or ``high``, if the gripper's name implies it.
 
-    The end is returned with the reason. Return None if the name does not tell.
+    The end is returned with the reason. Return None if the name does not imply either end.
     """
     for label in number.labels:
         words = set(tokens(label))

@@ -141,7 +141,7 @@ def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
 
 @contextmanager
 def _one_line(where: Path) -> Iterator[None]:
-    """Convert errors that occur while the instructions are read into a RecordError with a one-line message."""
+    """Convert errors that occur while the instructions are read into a RecordError whose message is a single line."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
@@ -287,7 +287,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file from an external data set. A text that occurs in many rows is stored once."""
+    """Open a Parquet file from an external data set. Texts that occur in many rows are kept in memory only once."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:
@@ -302,7 +302,7 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
 
 
 def column_names(file: Path) -> frozenset[str]:
-    """Return the column names of a frame file. Raises RecordError if the file cannot be read."""
+    """Return the names of the columns in a frame file. Raises RecordError if the file cannot be read."""
     try:
         _require_file(file)
         with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
