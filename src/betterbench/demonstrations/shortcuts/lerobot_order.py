@@ -68,7 +68,7 @@ class FileOrder:
         return cls(episodes[rows], frames[rows], key, rows)
 
     def sort(self, values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-        """Sort values of the file, one per row: (rows, ...)."""
+        """Sort an array (rows, ...) that has one entry per row of the file."""
         return values if self.rows is None else np.asarray(values[self.rows])
 
 

@@ -67,7 +67,7 @@ class NamedNumber:
 
     @property
     def shown(self) -> str:
-        """The component as the user writes it for ``--gripper`` and ``--place``."""
+        """Text that denotes this component in the options ``--gripper`` and ``--place``."""
         return f"{self.column}:{self.name}" if self.name else f"{self.column}[{self.index}]"
 
 
@@ -95,7 +95,7 @@ def tokens(name: str) -> list[str]:
 
 
 def arm_in(name: str) -> str:
-    """Return the arm that a name mentions: ``left``, ``right`` or a number as text. Return "" if it mentions none."""
+    """Return the arm that a name mentions: ``left``, ``right``, a number as text, or "" if it mentions no arm."""
     found = {_SIDES[token] for token in tokens(name) if token in _SIDES}
     if len(found) == 1:
         return found.pop()
@@ -186,7 +186,7 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
 
 
 def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
-    """Recognize the role of each component of a column by its names."""
+    """Determine the role of each component of a column from its names."""
     sets = [_parts(numbers, level) for level in range(3)]
     parts = []
     for i, number in enumerate(numbers):
@@ -249,9 +249,9 @@ def _kind(label: str) -> str:
 
 
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
-    """Return the name of the column that an option gives.
+    """Return the name of a column that the user gave for an option.
 
-    If it does not exist, raise UnknownNameError with similar names.
+    If there is no such column, raise UnknownNameError with similar names.
     """
     columns = list(known)
     if name not in columns:

@@ -42,7 +42,7 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
 
 
 def _reading_lines(reading: DataReading) -> list[str]:
-    """Return the description of the data. Names from external data sets are escaped."""
+    """Return the description of the data as Markdown lines. Names from external data sets are escaped."""
     return [markdown_text(reading.paragraph)]
 
 

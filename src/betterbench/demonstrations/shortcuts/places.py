@@ -79,8 +79,8 @@ def _written(point: _Floats, span: float) -> str:
 def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
     """Return the index of the cell that each value belongs to.
 
-    An axis is split at gaps. Without gaps, it is split into cells with equal numbers of values, unless
-    ``at_gaps_alone`` is True.
+    The axis is split at gaps between the values. If there are no gaps, it is split into cells with equal numbers of
+    values, unless ``at_gaps_alone`` is True.
     """
     ordered = np.sort(values)
     low, high = np.quantile(ordered, [0.01, 0.99])
@@ -99,7 +99,9 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the first direction of a path in the plane, rounded to one of eight. Return "" if the path does not move.
+    """Return the direction in which a path in the plane sets out, rounded to one of eight directions.
+
+    Return "" if the path does not leave its first point.
 
     Args:
         points: (T, 2) positions along the path.

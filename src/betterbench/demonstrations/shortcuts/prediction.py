@@ -149,7 +149,10 @@ class Prediction:
         return (json_text(asdict(self), indent=1) + "\n").encode()
 
     def of(self, task: str, variation: str) -> Forecast:
-        """Return the forecast for a variation of a task. Raises KeyError if there is none."""
+        """Return the forecast for a variation of a task.
+
+        Raises KeyError if the prediction does not cover the variation.
+        """
         return {(f.task, f.variation): f for f in self.variations}[task, variation]
 
 
@@ -196,7 +199,8 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
 def _label(task: str, variation: str, broken: list[Finding]) -> str:
     """Return the most likely failure label in a variation, given the rules that do not hold in it.
 
-    Each rule votes for its labels with its weight and strength. Only labels that are possible in the variation count.
+    Each of these rules votes for the labels that it may cause, with its weight times its strength. Labels that cannot
+    occur in the variation are not counted.
     """
     if not broken:
         return ""

@@ -20,8 +20,8 @@ class Question:
         name: Name of the question in files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
-        pairs: Function that returns the observations of a demonstration. Its second argument is the set of object kinds
-            that are picked in any demonstration; None means all kinds.
+        pairs: Function that returns the observations (pairs of values) in a demonstration. Its second argument is the
+            set of object kinds that are picked in any demonstration; None means all kinds.
         within: Whether the test permutes observations within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
@@ -133,9 +133,9 @@ class WordOutcome:
 
 
 def _arm(facts: EpisodeFacts) -> str:
-    """Return the arm that acts first.
+    """Return the arm that acts first, or "" for facts about anything else.
 
-    In facts about arms, steps have no places, and the arm is stored as the object.
+    Facts about which arm acts first store the arm in place of an object, and their steps have no places.
     """
     step = facts.steps[0] if facts.steps and not facts.privileged else None
     return step.thing if step is not None and not step.origin and not step.target else ""
@@ -144,7 +144,7 @@ def _arm(facts: EpisodeFacts) -> str:
 def _is_named(facts: EpisodeFacts) -> bool:
     """Return whether the objects have names.
 
-    In facts about arms, the names of the arms are stored in place of objects.
+    In facts about which arm acts first, they have none, since the names of arms are stored in place of objects.
     """
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 

@@ -1,6 +1,6 @@
-"""Facts about recorded demonstrations, from their states and instruction.
+"""Facts about recorded demonstrations, computed from the recorded states and the instruction.
 
-The condition named in a record is not trusted.
+The condition that a record names is not trusted.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class RuleCounts:
     """Criterion by which a significant association is reported.
 
     Attributes:
-        strong: Strength from which every significant association is reported.
+        strong: Strength at and above which every significant association is reported.
         certain: Function that decides whether a weaker association is reported.
     """
 
@@ -68,17 +68,17 @@ class RuleCounts:
 
 @dataclass(frozen=True, slots=True)
 class SmallestRule:
-    """Smallest rule about a question that the audit would have found.
+    """Smallest rule that the audit would have found when it tested a question.
 
     Attributes:
         question: Question name.
         title: The question in words.
         n: Number of compared demonstrations, or of compared observations within demonstrations.
         noun: Noun for what is counted by ``n``.
-        least_share: Smallest fraction of the outcomes that a rule must decide to be found in at least :data:`POWER` of
-            all data sets with these counts. The other outcomes are random. None if not even a rule without exceptions
-            would be found.
-        strong_share: The same fraction if the p-value is ignored, so that only the strength matters. With very many
+        least_share: Smallest fraction of the outcomes that a rule must determine so that it is found in at least
+            :data:`POWER` of all data sets with these counts. The other outcomes are random. None if not even a rule
+            without exceptions would be found.
+        strong_share: The same fraction if the rule must only be strong and need not be significant. With very many
             demonstrations, ``least_share`` would have this value.
         sentence: Sentence that explains ``least_share``.
     """
@@ -93,7 +93,10 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether there are too few demonstrations to find every strong rule. A difference of one step is tolerated."""
+        """Whether there are too few demonstrations to find every strong rule.
+
+        The search grid's step size is allowed for.
+        """
         if self.least_share is None:
             return True
         return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
@@ -102,7 +105,7 @@ class SmallestRule:
 def smallest_rule(
     question: str, title: str, n: int, noun: str, shares: tuple[float | None, float | None]
 ) -> SmallestRule:
-    """Return the smallest rule about a question, with the sentence that explains it.
+    """Create the smallest rule for a question, with the sentence that explains it.
 
     Args:
         question: Question name.
@@ -115,10 +118,10 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return a sentence on which rules would be found.
+    """Return a sentence that states which rules the audit would have found.
 
     Args:
-        share: Smallest fraction that a rule must decide to be found; None if no rule would be found.
+        share: Smallest fraction that a rule must determine to be found; None if no rule would be found.
         of: Number of compared demonstrations, with the noun.
     """
     if share is None:
@@ -129,10 +132,10 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return how many permutations may have at least as much mutual information as the data in a significant test.
+    """Return the largest number of permutations that may exceed the data for the test to be still significant.
 
-    The result is negative if no test can be significant, because the smallest possible p-value times ``tests`` exceeds
-    the level.
+    A permutation exceeds the data if it has at least as much mutual information. The result is negative if no test can
+    be significant, because the smallest possible p-value times ``tests`` exceeds the level.
     """
     least = 1.0 / (1 + PERMUTATIONS)
     most = int(level / (least * tests)) + 1
@@ -149,7 +152,8 @@ class Planted:
         y: (n,) outcome of each observation.
         perfect: (n,) values of the first variable, rearranged so that they determine the outcomes as far as the counts
             allow.
-        block: (n,) index of the unit that each observation belongs to. A rule decides complete units.
+        block: (n,) index of the unit that each observation belongs to. A unit is usually a demonstration. A rule
+            determines all observations of a unit or none.
         sizes: Numbers of distinct values of the first and of the second variable.
         within: Whether the first variable's values are permuted within units instead of between units.
         null: (PERMUTATIONS,) mutual information of each permutation [bit].
@@ -165,10 +169,10 @@ class Planted:
     expected: float
 
     def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
-        """Plant a rule that decides a fraction of the units, while the values in the other units are random.
+        """Return data sets with a planted rule that determines a fraction of the units. The other units are random.
 
         Args:
-            share: Fraction of the units that the rule decides.
+            share: Fraction of the units that the rule determines.
             rows: Number of data sets to make.
             draw: Random generator.
 
@@ -201,7 +205,7 @@ class Planted:
         """Return the fraction of planted data sets in which the audit finds the rule.
 
         Args:
-            share: Fraction of the units that the rule decides.
+            share: Fraction of the units that the rule determines.
             threshold: Mutual information above which a test is significant [bit].
             counts: Criterion by which a significant association is reported.
             draw: Random generator.
@@ -221,7 +225,7 @@ class Planted:
         return found / replicates
 
     def least_share(self, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float | None:
-        """Return the smallest fraction of the units that a rule must decide to be found.
+        """Return the smallest fraction of the units that a rule must determine so that the audit finds it.
 
         Return None if no rule is found.
         """
@@ -240,7 +244,7 @@ class Planted:
 
 
 def planted_question(test: PermutationTest) -> Planted:
-    """Rearrange the data of a question so that the first variable determines the second one."""
+    """Rearrange the data of a question so that the first variable determines the second variable as far as possible."""
     perfect = _matched_inside(test) if test.within else _matched_between(test)
     return Planted(test.y, perfect, test.block, test.sizes, test.within, test.null, test.found.expected_bits)
 
@@ -270,7 +274,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Rearrange the first values between demonstrations so that they match the outcomes best."""
+    """Exchange the values of the first variable between demonstrations so that they match the outcomes best."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")
@@ -290,19 +294,19 @@ def _best_order(
     y: _Ints,
     sizes: tuple[int, int],
 ) -> tuple[float, _Ints]:
-    """Assign sorted first values to sorted outcomes so that the mutual information is largest.
+    """Assign sorted values of the first variable to sorted outcomes so that the mutual information is largest.
 
     The outcomes are sorted by frequency. Several of the most frequent outcomes are tried as the first in this order.
 
     Args:
-        x: (units,) sorted first values.
+        x: (units,) sorted values of the first variable.
         outcomes: Outcomes of each unit.
         spread: Function that repeats one value per unit for each observation.
         y: (n,) outcome of each observation.
-        sizes: Numbers of distinct first and second values.
+        sizes: Numbers of distinct values of the first and of the second variable.
 
     Returns:
-        Mutual information [bit], and the first value of each observation.
+        Mutual information [bit], and the value of the first variable in each observation.
     """
     frequent = Counter(outcomes)
     kinds = sorted(frequent, key=lambda kind: (-frequent[kind], kind))
@@ -319,7 +323,7 @@ def _best_order(
 
 
 def _matched_inside(test: PermutationTest) -> _Ints:
-    """Rearrange the first values within each demonstration so that all demonstrations follow one rule."""
+    """Rearrange the values of the first variable within each demonstration so that all demonstrations follow one rule."""
 
     def by_count(values: _Ints, size: int) -> list[int]:
         return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))
@@ -344,7 +348,7 @@ def _matched_inside(test: PermutationTest) -> _Ints:
 
 
 def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
-    """Return the mutual information of joint counts (rows, nx, ny), and the smaller of the two entropies [bit]."""
+    """Return the mutual information of joint counts (rows, nx, ny) and the smaller of their two entropies [bit]."""
     n = int(joint[0].sum())
     logs = counts_log_counts(n)
     first, second = (logs[joint.sum(axis=axis)].sum(axis=1) for axis in (2, 1))

@@ -61,7 +61,7 @@ def shown_as(words: Iterable[str], text: str) -> str:
 
 
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
-    """Remove character runs that span the border between two words and therefore add no information.
+    """Remove runs of characters that span the border between two words, since they add no information.
 
     Such a run occurs in exactly the texts that contain both its beginning and its end, while the beginning and the end
     each occur in further texts.
@@ -83,7 +83,10 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Return whether a character run in one list contains, or is contained in, a character run in the other list."""
+    """Return whether a word in one list contains, or is contained in, a word in the other list.
+
+    Such words are runs of characters in a script without spaces.
+    """
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 

@@ -66,7 +66,7 @@ class CameraThread:
 
     @property
     def late_s(self) -> float:
-        """Delay of the newest images [s]; 0 if they are in time or no images are rendered."""
+        """Age of the newest images [s]. It is 0 if the images are up to date or no images are rendered."""
         since = self._waits_since
         if since is None or not self._thread.is_alive():
             return 0.0

@@ -60,8 +60,8 @@ class ControlInput:
 
     Attributes:
         taps: Actions that were triggered by buttons and keys, in order.
-        drag: Pose to which the operator dragged the gizmo, or pose that the leader arm commands; None if there is
-            neither.
+        drag: Pose to which the operator dragged the gizmo (the handle that marks the target pose in the 3-D scene), or
+            pose that the leader arm commands; None if there is neither.
         is_dragging: Whether the operator is still dragging the gizmo.
         push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the operator, each in
             [-1, 1].
@@ -184,7 +184,10 @@ class Controls:
             return True
 
     def pushed(self, device: str, values: Sequence[float], now_s: float) -> None:
-        """Register the deflection of a device, as six numbers in [-1, 1]. Values that are not finite are ignored."""
+        """Register the deflections of a device's axes, as six numbers in [-1, 1].
+
+        Values that are not finite are ignored.
+        """
         with self._lock:
             if len(values) != 6 or not all(map(math.isfinite, values)):
                 self._tell(f"{device}: its values are not finite, so they were ignored; the arm does not move")
@@ -206,7 +209,7 @@ class Controls:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Let the robot follow the leader arm anew, starting from the current target of the robot's tool."""
+        """Start to follow the leader arm again, from the current target of the robot's tool."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
@@ -247,7 +250,7 @@ class Controls:
 
 
 def calmed(value: float) -> float:
-    """Remove the dead zone from a deflection, and scale the rest to [-1, 1]."""
+    """Remove the dead zone from the deflection of a stick, and scale the rest to [-1, 1]."""
     size = max(0.0, min(1.0, abs(value)) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
     return math.copysign(size, value) if size else 0.0
 

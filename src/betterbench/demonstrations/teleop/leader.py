@@ -1,8 +1,8 @@
 """A LeRobot leader arm that moves the tool of the simulated robot. It is read through lerobot's teleoperator class.
 
-If the robot has the same joints as the leader arm, the robot's tool moves to the pose that the leader's joint angles
-define, after the operator has moved the leader arm near the pose of the robot. For any other robot, the tool moves
-relative to its pose at the beginning, by the motion of the leader's tool in the base frame of the leader arm.
+If the robot has the same joints as the leader arm, the robot's tool takes the pose that the leader's joint angles
+define. It begins to follow once the operator has moved the leader arm near the pose of the robot. For any other robot,
+the motion of the leader's tool in the leader's base frame is added to the initial pose of the robot's tool.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class LeaderMotion(Protocol):
 
 
 class Follower:
-    """Relative conversion: the robot's tool repeats the motion of the leader's tool since ``take_hold`` was called."""
+    """Relative conversion: the robot's tool repeats the motion that the leader's tool has made since ``take_hold``."""
 
     def __init__(self) -> None:
         """Create the conversion. Following starts when :meth:`take_hold` is called."""

@@ -155,7 +155,9 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
 
 
 def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
-    """Check the calibration of an arm, and connect to the arm. Failed requests are repeated, which lerobot does not do.
+    """Check the calibration of an arm, and connect to the arm.
+
+    Requests to the motors that fail are repeated, since lerobot does not repeat them.
 
     Raises:
         CalibrationError: If the calibration is missing or does not match the motors.
@@ -179,7 +181,8 @@ def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - l
 def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
     """Close all open connections of an arm without changing its torque.
 
-    lerobot's own disconnect does nothing if the bus or one of the cameras is not connected.
+    lerobot's own method ``disconnect`` is not used, because it does nothing if the bus or one of the cameras is not
+    connected.
     """
     with contextlib.suppress(Exception):  # the arm may have been unplugged, or was never connected
         arm.bus.disconnect(disable_torque=False)
@@ -191,8 +194,9 @@ def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
 def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
     """Discard data in the serial port that have not been read. Call this before each request.
 
-    An answer does not identify its request. A late answer would be taken for the answer to the next request, and so
-    would all following answers. Loads would then be read as positions, for example.
+    The answer of a motor does not tell to which request it belongs. A late answer would be taken for the answer to the
+    next request, and all following answers would be shifted by one. Motor loads could then be read as positions, for
+    example.
     """
     port = bus.port_handler
     port.is_using = False  # remains set after a request that raised an error, and would block all later requests
@@ -221,7 +225,7 @@ def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str,
 
 
 def failure(problem: Exception, port: str) -> str:
-    """Return lerobot's error message about motors in one line, without its lists of all motors."""
+    """Return lerobot's error message about motors in one line, leaving out its long lists of all motors."""
     if not Path(port).exists():
         return f"there is no {port}"
     return one_line(str(problem).partition("\nFull expected motor list")[0]).rstrip(" .")

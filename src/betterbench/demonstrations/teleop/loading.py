@@ -1,4 +1,7 @@
-"""Preparation of the next teleoperation session. It takes seconds and can run in a thread while the loop continues."""
+"""Preparation of the next teleoperation session.
+
+The preparation takes several seconds. It can run in a thread, so that the control loop is not blocked.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ class SessionLoader:
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:
-        """Begin to prepare the session for an initial state. The previous session must have been taken."""
+        """Begin to prepare the session for an initial state.
+
+        The session prepared before must have been fetched with ``take``.
+        """
         if not self._apart:
             self._made = self._make(start)
             return

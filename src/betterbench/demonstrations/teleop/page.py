@@ -185,7 +185,10 @@ class Page:
         self._controls.disconnected(client.client_id)
 
     def _tell(self, page: int, *, again: bool = False) -> None:
-        """Tell the operator of a page that the page does not control the robot, at most once per interval."""
+        """Tell the operator of a page that it does not control the robot.
+
+        The message appears at most once per interval.
+        """
         now = time.monotonic()
         client = self._server.get_clients().get(page)
         if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):

@@ -1,8 +1,11 @@
-"""Teleoperated episode: turns the operator's commands into states, independent of clock, browser and devices.
+"""Teleoperated episode.
 
-Commands use the same action space as any policy, so the record is an ordinary one. The session stores the complete
-state at the start and whenever a subgoal has been reached. Undo returns to the last of these moments and drops
-everything after it, as if the undone steps had never happened.
+It turns the operator's commands into states of the scene, and does not depend on the clock, the browser or the input
+devices.
+
+Commands use the same action space as policies, so the record has the same format as that of any other episode. The
+session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the last of
+these moments and removes all later steps from the record.
 """
 
 from __future__ import annotations
@@ -58,7 +61,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: the number of record rows, and the complete state of scene and steering."""
+    """Moment to which an undo can return: number of rows in the record, and complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -146,7 +149,9 @@ class TeleopSession:
         )
 
     def step(self, command: Command) -> WorldState:
-        """Take one control step, and return the state after it. After the end of the episode, nothing happens.
+        """Take one control step, and return the state after it.
+
+        If the episode has already ended, the state does not change.
 
         Raises InvalidInputError if a number in the command is not finite. The session is then unchanged.
         """
@@ -222,7 +227,7 @@ class TeleopSession:
         return builder.finish(termination=termination, success=success, error=error, clipped_actions=clipped)
 
     def finished(self, name: str) -> DemonstrationAttempt:
-        """Return the record with its subgoal segments, and whether it meets all requirements of a demonstration set.
+        """Return the record with its subgoal segments, and decide whether it can be used as a demonstration.
 
         For this check, the simulation continues for a few steps that are not recorded, and the scene is then restored.
         Raises the same errors as :meth:`record`.

@@ -1,7 +1,8 @@
 """Teleoperation loop: reads the input, steps the session and shows the result at the control rate.
 
 The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and all objects
-are at rest. The record gets no rows during a pause, so a demonstration contains no time in which the operator thinks.
+are at rest. No rows are recorded during a pause, so the demonstration does not contain the time in which the operator
+thinks.
 """
 
 from __future__ import annotations
@@ -121,7 +122,7 @@ class Station:
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
-        """Run the loop until the event is set. Steps that are late are not made up for."""
+        """Run the loop until the event is set. Control steps that are missed because the loop is late are skipped."""
         period = 0.05 if self.session is None else 1.0 / self.session.scene.control_rate_hz
         due = time.monotonic()
         while not stopped.is_set():
@@ -146,7 +147,7 @@ class Station:
     def _obey(self, taps: Sequence[Tap]) -> None:
         """Execute button and key presses up to the first press that changes the scene.
 
-        Later presses were made while the old scene was shown, so they are dropped.
+        Later presses are ignored, because they were made while the old scene was shown.
         """
         for tap in taps:
             before = self._starts
@@ -266,7 +267,7 @@ class Station:
         self._receive()
 
     def _receive(self) -> None:
-        """Switch to a session that has been prepared. Commands that were given in the meantime are dropped."""
+        """Switch to a session that has been prepared. Commands that arrived during the preparation are ignored."""
         session = self._loader.take()
         if session is None:
             return
@@ -275,7 +276,10 @@ class Station:
         self._display.show_scene(body_files(session.scene.model))
 
     def _let_go(self, session: TeleopSession) -> None:
-        """Forget the operator's target after the state has changed, and set the gripper command as in the state."""
+        """After the state has changed, e.g. by an undo, discard the operator's target and reset the gripper command.
+
+        The gripper command is set to that of the new state.
+        """
         self._found = None
         self._target = None
         self._closed = session.state.gripper_command > 0.0

@@ -1,4 +1,7 @@
-"""Steering: the action of one control step that moves the tool toward a target, within reach and at a limited speed."""
+"""Steering: computation of the action that moves the tool toward a target in one control step.
+
+The target is limited to the reach of the robot, and the speed of the tool is limited.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +41,9 @@ class Reach:
         return cls(spec.steering, spec.tip_below_tcp_m + LOWEST_TIP_M)
 
     def within(self, wanted: Pose) -> tuple[Pose, str]:
-        """Return the nearest pose within the limits.
+        """Return the pose within the limits that is nearest to the wanted pose.
 
-        The second value is the reason if it differs from the wanted pose, else "".
+        The second returned value is the reason why the two poses differ, or "" if they are equal.
         """
         position, why, limits = np.array(wanted.position), "", self.limits
         if position[2] < self.lowest_m:
@@ -74,9 +77,9 @@ class Steering:
     ) -> tuple[Steering, np.ndarray]:
         """Return the next steering state, and the action that moves the commanded pose toward a target.
 
-        The action is in the ``ee_delta`` action space, as an array of shape (7,). Translation and rotation arrive at
-        the same time. The speed changes with the acceleration of the expert's free motion. If the target moves, it is
-        followed immediately, since only the speed of the commanded pose is limited.
+        The action is in the ``ee_delta`` action space, as an array of shape (7,). Translation and rotation reach the
+        target at the same time. The speed changes with the acceleration of the expert's free motion. A moving target is
+        followed without delay, since the limits apply only to the speed of the commanded pose.
 
         Args:
             now: Commanded pose.

@@ -43,7 +43,7 @@ class TeleopPlan:
         tasks: Names of the tasks.
         demos: Demonstrations per training condition.
         condition: Training condition to demonstrate; None for all of them.
-        first_seed: Seed from which on initial states are chosen.
+        first_seed: Smallest seed that may be used for initial states.
         quality: Render preset of the stored scenes.
     """
 
@@ -54,7 +54,7 @@ class TeleopPlan:
     quality: str = "standard"
 
     def starts(self) -> tuple[Start, ...]:
-        """Return the planned initial states. The conditions alternate.
+        """Return the planned initial states, alternating between the training conditions.
 
         Raises:
             InvalidInputError: If a number is out of range, or a task does not have the condition.
@@ -116,7 +116,7 @@ class DemonstrationStore:
     def due(self) -> Start | None:
         """Return the next initial state to demonstrate.
 
-        Postponed ones come last. Return None if all are demonstrated.
+        Postponed initial states come last. Return None if all initial states have been demonstrated.
         """
         left = [s for s in self._starts if not self._journal.is_done(s.trial)]
         first = [s for s in left if s not in self._put_off]
@@ -158,7 +158,10 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Return whether a demonstration can be saved. It must have succeeded, and the goal must have stayed met."""
+    """Return whether a demonstration can be saved.
+
+    It must have reached the goal, and the goal must still be met afterward.
+    """
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 

@@ -29,7 +29,7 @@ class ArmFinding:
     Attributes:
         task: Task name; "" for all tasks.
         arm: Name of the arm.
-        lever: Name of the recipe change; "" for the unchanged recipe.
+        lever: Name of the change to the training recipe; "" for the unchanged recipe.
         training: Success rate on training conditions.
         variations: Success rate on all variations.
         gap: Illusion gap: success rate on the training twins (the training trials with the same seeds) minus success
@@ -55,8 +55,8 @@ class ArmContrast:
         task: Task name; "" for all tasks.
         success: Difference between the success rates on variations, over pairs of trials. The p-value is from a
             sign-flip test over pairs of learners with the same task and training seed.
-        gap: Difference between the illusion gaps. The interval is the wider of two intervals: over trials, and over
-            pairs of learners. The p-value is from the same kind of test.
+        gap: Difference between the illusion gaps. The interval is the wider of two intervals, one computed over trials
+            and one over pairs of learners. The p-value is from the same kind of test.
         learners: Number of pairs of learners.
     """
 
@@ -92,7 +92,7 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Convert a difference over ``n`` pairs to a Figure. Without pairs, the value and the interval are None."""
+    """Convert a difference over ``n`` pairs to a Figure. If there are no pairs, the value and the interval are None."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 

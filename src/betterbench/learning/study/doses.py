@@ -51,7 +51,7 @@ def doses_of(
 ) -> Iterator[DoseFinding]:
     """Yield the results for each dose, first over all tasks and then for each task.
 
-    Yield nothing for a plan in which no arm mixes training distributions.
+    If no arm of the plan mixes training distributions, there are no doses to compare, and nothing is yielded.
     """
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
@@ -90,7 +90,7 @@ def _matching(
 
 
 def rises(doses: Sequence[DoseFinding]) -> bool | None:
-    """Return whether failures become more frequent with the dose, without a significant decrease in between.
+    """Return whether the failure rate increases with the dose and never decreases significantly between two doses.
 
     Return None if fewer than two doses were measured.
     """

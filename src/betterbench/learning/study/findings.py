@@ -69,8 +69,8 @@ class VariationFinding:
     Attributes:
         risk: Risk that the audit of the confounded demonstrations predicts; None without an audit.
         predicted: Failure label that the audit predicts; "" if it predicts no failure.
-        never_shown: Words, object categories and colors of the variation that do not occur in the training data of the
-            confounded or of the balanced learners.
+        never_shown: Words, object categories and colors of the variation that are missing from the training data of the
+            confounded learners or of the balanced learners.
         success: Success rate by arm.
         gaps: Illusion gap by arm.
         validity: Fraction of the confounded learners' gap that balancing the training data removes; None if there is no
@@ -111,6 +111,8 @@ class KnownFinding:
 @dataclass(frozen=True, slots=True)
 class RepeatedFinding:
     """Replication of the verdict "decorrelation is enough" with learners that did not contribute to the verdict.
+
+    The verdict means that balanced learners solve a variation that confounded learners fail.
 
     Each training seed is left out in turn. The variations are those that have this verdict according to the learners
     with all other seeds. The trials are those of the balanced learner with the seed that was left out.
@@ -157,8 +159,8 @@ class StudyFindings:
 
     Attributes:
         roles: Name of the arm that has each role, such as "confounded" or "balanced".
-        coverage: Comparisons :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty if the arms
-            for them are missing.
+        coverage: Comparisons :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty if the study
+            has no arms for them.
         known: Results on variations that contain only words and objects that occur in training; None without the
             balanced and confounded arms.
         repeated: Replication of the verdicts with left-out learners; None unless both arms have at least two training
@@ -222,7 +224,10 @@ def findings_of(
 
 
 def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> Iterator[ArmContrast]:
-    """Yield the comparisons that separate coverage from decorrelation, if the arms for them were trained."""
+    """Yield the comparisons that separate the effect of varied demonstrations from the effect of removing confounds.
+
+    A comparison is left out if the plan has no arms for it.
+    """
     for name in (COVERAGE, DECORRELATION):
         pair = name.split(" against ")
         if all(role in roles for role in pair):
@@ -234,7 +239,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on variations whose words and objects occur in the training data of both arms."""
+    """Return the results on variations whose words and objects all occur in the training data of both arms."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -250,7 +255,11 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return how often left-out balanced learners succeed where the other seeds gave "decorrelation is enough"."""
+    """Return how often balanced learners replicate the verdict "decorrelation is enough".
+
+    Each training seed is left out in turn. The verdict is derived from the learners with the other seeds, and the
+    balanced learner with the left-out seed is then evaluated on the variations with this verdict.
+    """
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -327,7 +336,7 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials. Return None if there are too few trials to decide."""
+    """Return whether learners solve more than half of the trials. Return None if the data do not allow a decision."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None

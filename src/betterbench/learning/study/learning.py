@@ -1,6 +1,6 @@
-"""Training of a study's learners, either one in this process or several in parallel processes.
+"""Training of a study's learners, either a single learner in this process or several learners in parallel processes.
 
-A learner of this size uses one CPU core, so on two cores, two learners in parallel take as long as one.
+Training a learner of this size occupies one CPU core. On two cores, two learners in parallel take as long as one.
 """
 
 from __future__ import annotations
@@ -88,11 +88,11 @@ class _Learner(SpawnedProcess):
 def train_learners(
     jobs: Sequence[TrainingJob], device: str, tell: OnWork, *, workers: int = 1
 ) -> tuple[TrainedPolicy, ...]:
-    """Train all jobs in parallel, and return the policies in the order of the jobs.
+    """Train learners in parallel, and return the trained policies in the order of the jobs.
 
     A single job is trained in this process.
 
-    Before that, ``workers`` processes render the frames for learners of the ``pixels`` family.
+    Before the training, ``workers`` processes render the frames for learners of the ``pixels`` family.
 
     Raises:
         TrainingError: If a process dies.

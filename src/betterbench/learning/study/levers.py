@@ -17,13 +17,14 @@ class LeverRow:
     """Results of the learners with one recipe.
 
     Attributes:
-        found: Results on all tasks of these learners.
+        found: Results over all tasks of these learners.
         axes: Success rate on the variations of each axis, by axis name.
         against: Difference from the learners that they are compared with, over trials with the same tasks and training
             seeds; None for the unchanged recipe.
         start: Arm whose learners provide the initial weights, so that these learners have also seen the demonstrations
             of that arm; None if the initial weights are random.
-        compared: Lever of the learners that they are compared with; None if these have the unchanged recipe.
+        compared: Recipe change of the learners that they are compared with; None if those learners have the unchanged
+            recipe.
     """
 
     found: ArmFinding

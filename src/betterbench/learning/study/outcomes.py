@@ -38,7 +38,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """Training condition and seed, by which a variation trial is matched with its training trial."""
+        """Training condition and seed. A variation trial and its training trial have the same values."""
         return self.condition, self.seed
 
 

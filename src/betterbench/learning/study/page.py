@@ -250,7 +250,10 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
 
 
 def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield the expectations that compare balanced with diverse-confounded learners, if the study has both."""
+    """Yield the expectations about balanced learners and about learners with diverse but confounded demonstrations.
+
+    If the study does not have both kinds of learners, yield nothing.
+    """
     pair = ("diverse-confounded", "balanced")
     for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
         least = f"{100 * LEAST_DECORRELATED:.0f} points"
@@ -276,7 +279,7 @@ def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
-    """Mark an expectation as open if the learners of a role solve less than half of their training conditions."""
+    """Mark an expectation as open if the learners with a given role solve too few of their training conditions."""
     for role in roles:
         arm = next((a for a in found.arms if (a.arm, a.task, a.lever) == (found.roles.get(role), "", "")), None)
         if arm is not None and arm.training.value is not None and arm.training.value < SOLVED:

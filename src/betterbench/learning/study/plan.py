@@ -58,8 +58,9 @@ class Lever:
         changes: Changed fields of the recipe.
         arms: Arms that are trained with this change; empty for all arms.
         tasks: Tasks that are trained with this change; empty for all tasks.
-        start: Arm that provides the initial weights, from its learner with the same task and training seed and the
-            unchanged recipe. ``changes`` may then freeze parts of the weights. None for random initial weights.
+        start: Arm that provides the initial weights. They are taken from the learner of this arm that has the same task
+            and training seed and the unchanged recipe. ``changes`` may then freeze parts of the weights. None for
+            random initial weights.
         against: Lever to compare with, which must have the same arms and tasks. None to compare with the unchanged
             recipe.
         questions: Approximate number of co-training questions about the demonstrations from each training distribution
@@ -194,7 +195,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError if a recipe change cannot be compared with the change that ``against`` names."""
+        """Raise InvalidInputError if a recipe change cannot be compared with the one named by its field ``against``."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -230,7 +231,10 @@ class StudyPlan:
             raise InvalidInputError(where, problem, "Leave out this field, or change it in the recipe of the study")
 
     def _require_words_known(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError if the initial weights of a recipe change lack words of its demonstrations."""
+        """Raise InvalidInputError if a learner would start from weights that were not trained on all of its words.
+
+        Object categories and colors are checked like words.
+        """
         if lever.start is None:
             return
         for task, arm in itertools.product(lever.tasks or self.tasks, lever.arms or self.arms):
@@ -311,7 +315,7 @@ class StudyPlan:
 
 
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return the field ``co_training`` of the recipe for questions that the study makes."""
+    """Return the field ``co_training`` of the recipe, with the question sets that the study makes filled in."""
     if not isinstance(given, dict):
         raise InvalidInputError(where, "this is not a mapping", "Write {weight: 0.25}, or leave out the field")
     if "sets" in given:
