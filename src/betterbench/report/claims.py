@@ -68,7 +68,7 @@ DESCRIBED = Grounds(True)
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
-    """Test the claim that a policy solves less than half of the training trials."""
+    """Test the claim that a policy solves less than half of its training trials."""
     k, n = training.k or 0, training.n or 0
     p = chance_p(Rate(k, n), chance=0.5)
     test = "training trials solved, against one half (exact binomial)"
@@ -83,7 +83,10 @@ def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = No
 
 
 def _is_below_half(k: int, n: int, more: int) -> bool:
-    """Return whether a rate would be significantly below one half if ``more`` trials had the same success rate."""
+    """Return whether a rate is significantly below one half.
+
+    ``more`` further trials with the same success rate are added to the counts before the test.
+    """
     return n > 0 and chance_p(Rate(k * more // n, more), chance=0.5) <= DEFAULT_ALPHA
 
 
@@ -110,9 +113,10 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the basis of a conclusion about a run without variations, with the trials that it leaves open.
+    """Return the basis of a conclusion about a run without variations.
 
-    These are the variations of the same tasks, which would show how the policy reasons.
+    The trials that would settle open conclusions are the variations of the same tasks, since they show how the policy
+    reasons.
     """
     text = "To diagnose its reasoning, run the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
@@ -125,7 +129,7 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
-    """Test the claim that a policy habitually fails in some conditions.
+    """Test the claim that a policy habitually fails in certain conditions.
 
     The p-value is corrected for the number of conditions.
 
@@ -237,7 +241,7 @@ def _evaluation(
 def _settings(versions: Mapping[str, str]) -> Iterator[str]:
     """Yield the command-line options for settings of a run that differ from the defaults.
 
-    Settings that differ within the run or that the records do not contain are left out.
+    A setting is left out if it differs between records of the run, or if the records do not contain it.
     """
     for option, name, usual in _SETTINGS:
         value = versions.get(name, usual)

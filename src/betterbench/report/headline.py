@@ -58,8 +58,9 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """Main failure mode of some trials, with its count among the failures and among all trials.
 
-    ``look_alikes`` counts further trials in which the policy took a similar-looking object from the slot in which the
-    target was during training. The same rule explains these trials. It is 0 if more trials have the label itself.
+    ``look_alikes`` counts further trials that the same faulty rule explains: the policy took an object that looks like
+    the target from the slot in which the target was during training. It is 0 if more trials have the label of the rule
+    itself.
     """
 
     label: Label
@@ -88,7 +89,7 @@ class Failure:
 
     @property
     def lead(self) -> str:
-        """Words that introduce the failure mode."""
+        """Words that precede the name of the failure mode, such as "Most often"."""
         if self.look_alikes:
             return "The rule behind most failures"
         if self.count < self.failures:
@@ -108,8 +109,9 @@ class Headline:
         effect_sentence: Sentence that explains the instruction effect.
         needless: Successful trials in which the policy also did a training step that was not requested.
         segments: Outcomes of the variation trials.
-        breakdown: Error that ended most trials, if the policy itself failed to run.
-        claim: Test behind the conclusion, and the trials that would settle the conclusion if the test is not passed.
+        breakdown: Error message that ended most trials, if the policy itself failed to run.
+        claim: Test on which the conclusion is based, and the trials that would settle the conclusion if the test is not
+            passed.
     """
 
     policy: str
@@ -203,7 +205,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return how many similar-looking objects were taken because of the rule behind a label.
+    """Return the number of trials in which the rule behind a label led the policy to a similar-looking object.
 
     Return 0 if more trials have the label itself.
     """
@@ -243,9 +245,9 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a rule about slots only ever led to objects that look like the target.
+    """Return whether a rule about slots has led the policy only to objects that look like the target.
 
-    The rule must also have been violated in other trials.
+    The policy must also have violated the rule in other trials.
     """
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
@@ -262,7 +264,7 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the main sentence, its color family and its statistical basis.
+    """Return the main sentence of the conclusion, the color family of the failure, and the statistical basis.
 
     Evidence that the policy does not use the instruction takes precedence over the failures in variations, unless a
     habit explains the wrong first attempts in the whole run. If only a few variations were run, a habit can look as if
@@ -336,10 +338,10 @@ def _by_failures(
 
 
 def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return the sentence on confused words or targets, if the main label does not name them.
+    """Return the sentence on words or targets that the policy confuses, if the main label does not name them.
 
-    A proven rule is stated first. A habit of placing objects at certain targets is ruled out if objects are brought to
-    targets that they never had in training.
+    If a rule is proven, the sentence states it first. A habit of placing objects at certain targets is ruled out if the
+    policy brings objects to targets at which they never were in training.
     """
     reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
     vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))

@@ -15,7 +15,10 @@ from betterbench.quoting import LONGEST_TEXT
 
 
 def environment() -> Environment:
-    """Return the environment of all templates. Every value is escaped, and an unknown name is an error."""
+    """Return the environment of all templates.
+
+    The environment escapes every value, and raises an error if a template uses an unknown name.
+    """
     return Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,
@@ -32,7 +35,7 @@ def asset(name: str) -> str:
 
 
 def _bounded(value: object) -> object:
-    """Shorten a long text from outside before it is put on a page, since a page may repeat the text many times."""
+    """Shorten a long text from an untrusted source. A page may repeat the text many times."""
     return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 

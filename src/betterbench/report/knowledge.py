@@ -22,7 +22,7 @@ COLUMNS = {
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeRow:
-    """Row of the table for the trials with one outcome label."""
+    """Row of the table for all trials with one outcome label."""
 
     label: Label | str
     cells: tuple[str, ...]
@@ -69,7 +69,7 @@ class KnowledgeView:
 
 
 def knowledge_view(known: Knowledge) -> KnowledgeView:
-    """Return the comparison of a model's knowledge with a policy's behavior, as shown on the page."""
+    """Prepare the comparison of a model's knowledge with a policy's behavior for the page."""
     failures = tuple(t.key for t in known.trials if t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT)
     return KnowledgeView(
         known.model,

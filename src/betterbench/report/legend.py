@@ -30,7 +30,10 @@ UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the color families that the given trials need, with their names."""
+    """Return the color families of outcomes and their names, for the legend.
+
+    The family of unfinished trials is included only if a trial is unfinished.
+    """
     return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
 
 

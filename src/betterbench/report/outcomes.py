@@ -19,7 +19,10 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Segment of an outcome bar: the number of trials with one failure mode, or of successful trials."""
+    """Segment of an outcome bar.
+
+    It shows the number of trials with one failure mode, or the number of successful trials.
+    """
 
     mode: FailureMode
     count: int
@@ -38,10 +41,10 @@ class ConditionRow:
         twin_instruction: Instruction of the training condition from which the variation is derived.
         support: Whether the required poses lie inside the training distribution; "" if unknown.
         trial: Success rate of the trials.
-        twin: Success rate of the training twins (the training trials with the same seeds) in the run's pairs.
+        twin: Success rate of the training twins, i.e. of the training trials with the same seeds, that are in the run.
         gap: Illusion gap: success rate of the training twins minus success rate of the variation trials.
-        segments: Outcomes that occurred, in the order in which they are stacked.
-        verdict: Verdict in words for a run until decided; "" for other runs.
+        segments: Outcomes that occurred, in the order in which the chart stacks them.
+        verdict: Verdict in words, for a run of ``better eval --until-decided``; "" for other runs.
     """
 
     id: str
@@ -121,7 +124,7 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def segments_of(trials: list[TrialDiagnosis]) -> tuple[Segment, ...]:
-    """Return the outcomes of trials, in the order in which they are stacked."""
+    """Return the outcomes of trials, in the order in which the chart stacks them."""
     counts = Counter(trial.label for trial in trials)
     return tuple(Segment(mode, counts[mode.label]) for mode in LEGEND.values() if counts[mode.label])
 
@@ -177,7 +180,10 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate from the metrics of the run. If it is missing there, count the trials."""
+    """Return the success rate in a scope from the metrics of the run.
+
+    If it is missing there, compute it from the trials.
+    """
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)

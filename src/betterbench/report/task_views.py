@@ -1,4 +1,4 @@
-"""View of each task: the results of every policy, findings and films."""
+"""Part of the report for each task: the results of every policy, findings and films."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 
 @dataclass(frozen=True, slots=True)
 class ConditionGroup:
-    """One variation, or the training conditions of a task, with one (policy, row) pair for each policy that ran it."""
+    """Variation, or the training conditions of a task, with the results of each policy as a pair (policy, row)."""
 
     first: ConditionRow
     rows: tuple[tuple[str, ConditionRow], ...]
@@ -59,7 +59,7 @@ class TaskView:
 
 
 def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
-    """Return the tasks of several runs, with their conditions and the results of every policy."""
+    """Return one view per task of the given runs, with its conditions and the results of every policy."""
     by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
     for diagnosis in diagnoses:
         for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):

@@ -59,7 +59,7 @@ class Figure:
     def gap(cls, diagnosis: RunDiagnosis, scope: str) -> Figure:
         """Return the illusion gap: success rate of training trials minus that of variation trials with the same seeds.
 
-        Both rates are included.
+        The two rates are stored with the gap.
 
         Args:
             diagnosis: Diagnosis of the run.
@@ -74,7 +74,7 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Smallest number of digits at which the difference equals the difference of the two rates as printed.
+        """Smallest number of digits with which the two rates, as printed, differ by exactly the difference as printed.
 
         It is 0 for a number that is not a difference.
         """
@@ -87,7 +87,10 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates behind a difference, e.g. "twins 67 %, variations 56 %". Return "" if there are none."""
+        """Return the two rates from which a difference was computed, e.g. "twins 67 %, variations 56 %".
+
+        Return "" if there are none.
+        """
         if self.sides is None or self.missing:
             return ""
         twins, paired = (side.with_unit(self.digits) for side in self.sides)
@@ -134,7 +137,7 @@ class Figure:
         return f"{minus(low)} to {minus(high)}"
 
     def sentence(self) -> str:
-        """Return the number with all its details in one phrase, e.g. "62 % (149/240), 95 % interval 56 to 68"."""
+        """Return the number, its count and its interval in a phrase, e.g. "62 % (149/240), 95 % interval 56 to 68"."""
         if self.value is None:
             return self.count() or MISSING
         ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""

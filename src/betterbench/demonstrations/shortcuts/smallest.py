@@ -323,7 +323,7 @@ def _best_order(
 
 
 def _matched_inside(test: PermutationTest) -> _Ints:
-    """Rearrange the values of the first variable within each demonstration so that all demonstrations follow one rule."""
+    """Permute the values of the first variable within each demonstration so that all demonstrations follow one rule."""
 
     def by_count(values: _Ints, size: int) -> list[int]:
         return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))

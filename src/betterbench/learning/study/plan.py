@@ -258,13 +258,16 @@ class StudyPlan:
         return found
 
     def dose_of(self, arm: str) -> float:
-        """Return the fraction of an arm's demonstrations that have confounds, computed from whole demonstrations."""
+        """Return the fraction of an arm's demonstrations that have confounds.
+
+        It is computed after rounding to whole numbers.
+        """
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm that has a role, i.e. the training distributions of this role.
+        """Return the first arm with a role. A role, such as "balanced", stands for certain training distributions.
 
-        Return None if there is none.
+        Return None if no arm has the role.
         """
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 

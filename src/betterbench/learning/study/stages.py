@@ -88,7 +88,7 @@ class StudyOutcome:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """Content of the file that marks a complete stage."""
+    """Content of the file that marks a stage as complete."""
 
     inputs: str
     output: dict[str, Any]
@@ -186,13 +186,13 @@ class _Study:
         self._hashes: dict[str, str] = {}
 
     def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
-        """Yield the name and the recipe of each demonstration set that is needed. Learners share sets."""
+        """Yield the name and the recipe of each demonstration set that is needed. Several learners can share a set."""
         for learner in self._learners:
             for regime, demos in self._plan.sets_of(learner.arm).items():
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
 
     def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
-        """Yield the name, the demonstration set and the number of questions of each question set that is needed."""
+        """Yield each question set that is needed, as its name, its demonstration set and its number of questions."""
         for learner in self._learners:
             if asked := self._plan.questions_of(learner):
                 yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
@@ -211,7 +211,10 @@ class _Study:
         return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
 
     def run(self) -> StudyOutcome:
-        """Run all stages. The learners follow the sets, and as many of them as possible are trained in parallel."""
+        """Run all stages: first the demonstration sets and question sets, then the learners.
+
+        As many learners as possible are trained in parallel.
+        """
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
         self._hashes = hashes
@@ -234,7 +237,7 @@ class _Study:
             read_set(Path(place))
 
     def _asked_elsewhere(self) -> Iterator[TrainingRecipe]:
-        """Yield a recipe for each combination of demonstrations and existing question sets that the plan names."""
+        """Yield a recipe for each combination of demonstrations and existing question sets that occurs in the plan."""
         seen = set()
         for learner in (one for one in self._learners if not self._plan.questions_of(one)):
             data = self._folders_of(learner)
@@ -265,7 +268,10 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the next learners to train in parallel, with their inputs. There are as many as the threads allow."""
+        """Return the learners that are trained next, with their inputs.
+
+        Their number is limited by the number of threads.
+        """
         group: list[_Learning] = []
         threads = 0
         for learner in learners:
@@ -368,7 +374,7 @@ class _Study:
         return self._out / STAGES / f"{kind}-{name}.json"
 
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
-        """Return the content of a stage's file if it was completed with the given inputs. Return None otherwise."""
+        """Return the content of a stage's file, or None if the stage was not completed with the given inputs."""
         path = self._marker(kind, name)
         there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
@@ -388,12 +394,12 @@ class _Study:
 
 
 def _asked_name(about: str, questions: int) -> str:
-    """Return the name of a question set. It differs from the names of all demonstration sets."""
+    """Return a name for a question set that differs from the names of all demonstration sets."""
     return f"{about}-{questions}-questions"
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return the conditions of a set with the versions of the tasks, since a changed task needs a new set."""
+    """Return the conditions of a demonstration set and the versions of its tasks. A changed task needs a new set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]

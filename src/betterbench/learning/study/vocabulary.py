@@ -1,7 +1,8 @@
 """Words, object categories and colors of a variation that a learner has never seen in training.
 
-A learner maps all unknown words, categories and colors to the same index. A failure in a variation with such entries
-shows missing knowledge rather than a shortcut, so variations without them are also counted separately.
+A learner maps all unknown words, categories and colors to the same index. If a variation contains such unknown entries,
+a failure shows missing knowledge rather than a shortcut. The results on variations without unknown entries are
+therefore also reported separately.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[str, ...]:
-    """Return the words, categories and colors of a variation that no condition of the given regimes contains.
+    """Return the words, categories and colors of a variation that are not in any condition of the given regimes.
 
     A regime is a training distribution.
     """

@@ -2,7 +2,8 @@
 
 A co-trained learner is a policy that was also trained to answer questions. It must belong to the family ``objects``.
 Instead of the image that a question is about, it receives the recorded state of that frame (see
-:mod:`betterbench.learning.training.own_answers`). It gives the most likely of the allowed answers.
+:mod:`betterbench.learning.training.own_answers`). The learner's answer is the most likely of the answers that the
+question allows.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ _KEPT_RECORDS = 8
 class LearnerModel:
     """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
 
-    Questions are looked up by image and prompt, because a model receives nothing else. If two options lie in the same
-    cell of the image, the learner cannot tell them apart. One of them is then chosen by a hash of the question, which
-    is right half of the time.
+    A model receives only an image and a prompt, so the question and its recorded state are looked up by these. If two
+    options lie in the same cell of the image, the learner cannot tell them apart. One of the two is then chosen by a
+    hash of the question, which is correct in half of the cases.
     """
 
     def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
@@ -93,10 +94,7 @@ def _digest(picture: bytes) -> str:
 
 
 def _possible(question: Question) -> list[tuple[str, str]]:
-    """Return the possible answers to a question.
-
-    Each has the text in the requested form and the learner's answer class.
-    """
+    """Return the possible answers to a question, each as the text to reply and the learner's answer class."""
     if question.form is Form.CHOICE:
         return [(letter(i), option_class(text, question.width)) for i, text in enumerate(question.options)]
     if question.form is Form.YES_NO:
@@ -108,7 +106,7 @@ def _possible(question: Question) -> list[tuple[str, str]]:
 
 
 def _place(question: Question, column: int, row: int) -> str:
-    """Return an image cell as an answer, in pixels: its center for a question about a point, otherwise its box."""
+    """Return an image cell as an answer in pixels: its center if the question asks for a point, otherwise its box."""
     across, down = question.width / CELLS, question.height / CELLS
     if question.form is Form.POINT:
         return f"[{(column + 0.5) * across:g}, {(row + 0.5) * down:g}]"

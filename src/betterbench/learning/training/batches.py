@@ -33,7 +33,9 @@ class Batches:
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Draw the frames of a training step, and return those for one of several processes.
+        """Draw the frames for a training step.
+
+        If several processes train together, return only the frames for one of them.
 
         Args:
             step: Index of the step.
@@ -44,7 +46,9 @@ class Batches:
         return found[rank::world]
 
     def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Draw the questions of a training step, and return those for one of several processes.
+        """Draw the questions for a training step.
+
+        If several processes train together, return only the questions for one of them.
 
         Args:
             step: Index of the step.
@@ -81,7 +85,7 @@ class Batches:
         return AskedBatch(shown, held["answers"][at])
 
     def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
-        """Return a batch of frames.
+        """Return a batch of training data for the given frames.
 
         Args:
             frames: (B,) indices of the frames.
@@ -146,7 +150,7 @@ def _stream(seed: int, step: int, what: int) -> np.random.Generator:
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
     """Return indices of the frames around gripper changes, repeated as often as their weight in the recipe requires.
 
-    The fractional part of the weight is spread evenly over these frames.
+    If the weight is not an integer, some of these frames, spread evenly, are repeated once more than the others.
     """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0

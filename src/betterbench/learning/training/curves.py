@@ -1,4 +1,4 @@
-"""Logs of a training: CSV tables, whose bytes do not depend on interruptions, and curves as SVG."""
+"""Logs of a training: tables as CSV, and curves as SVG. Interruptions of the training do not change the CSV files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 
 @dataclass(slots=True)
 class Log:
-    """Tables of a training, in the order of the steps."""
+    """Tables that log a training. Their rows are in the order of the training steps."""
 
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)

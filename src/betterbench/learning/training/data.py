@@ -39,7 +39,7 @@ _STILL_M, _STILL_RAD = 2e-4, 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """The frames of all demonstrations, concatenated: F frames from E episodes with at most n objects.
+    """Frames of all demonstrations, concatenated. There are F frames from E episodes with at most n objects each.
 
     Attributes:
         vocabulary: Words, categories and colors that occur in the training demonstrations.
@@ -209,7 +209,10 @@ def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
 
 
 def run_folder(place: Path) -> Path:
-    """Return the run inside a ``better dataset`` folder. Any other folder is returned unchanged."""
+    """Return the run folder with the demonstrations if the given folder is a training set of ``better dataset``.
+
+    Any other folder is returned unchanged.
+    """
     return place / "demonstrations" if (place / "dataset.json").is_file() else place
 
 
@@ -230,7 +233,10 @@ def _opened(place: str) -> RunFolder:
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
-    """Return at most ``most`` demonstrations per condition, those with the lowest seeds. None means all of them."""
+    """Return at most ``most`` demonstrations per condition, preferring low seeds.
+
+    If ``most`` is None, return all of them.
+    """
     by_condition = defaultdict(list)
     for demonstration in chosen:
         by_condition[demonstration.trial.task, demonstration.trial.condition].append(demonstration)
@@ -250,12 +256,11 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record that are used for training, int64.
+    """Return the indices (int64) of the rows of a record that are used for training.
 
-    Of each pause, only the first ``most`` rows are kept.
-
-    A demonstrator is pausing while neither the commanded pose nor the fingers change. A single state does not show how
-    long a pause has lasted, so a policy would learn to prolong pauses, possibly forever.
+    The demonstrator is pausing while neither the commanded pose nor the fingers change. Only the first ``most`` rows of
+    each pause are used. A single state does not show how long a pause has lasted, so a policy that was trained on long
+    pauses would prolong them, possibly forever.
     """
     if most is None or record.n_steps == 0:
         return np.arange(record.n_steps)
@@ -315,7 +320,10 @@ def _joined(
 
 
 def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
-    """Return the vocabulary of the initial checkpoint, after checking that it covers the data."""
+    """Return the vocabulary of the initial checkpoint.
+
+    Check that it contains all words, categories and colors of the data.
+    """
     from betterbench.policies.learned.checkpoint import checkpoint_file, read_vocabulary  # noqa: PLC0415 - needs torch
 
     known = read_vocabulary(checkpoint_file(start))
@@ -357,7 +365,10 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return the phase of each frame. Segments are read from the record, or else computed from its states."""
+    """Return the phase of each frame: the skill that is executed, or the motion between two skills.
+
+    The skills are taken from the record. If the record does not contain them, they are computed from its states.
+    """
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -379,8 +390,8 @@ def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
 def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
     """Return the mean and the scale of tool poses, object positions and actions over the training frames, float32.
 
-    The 1st and 99th percentiles of the actions are mapped to -1 and 1. Scales have lower limits, so that nearly
-    constant values are not amplified.
+    For actions, they map the 1st and 99th percentiles to -1 and 1. The scales have lower limits, so that values that
+    are nearly constant are not amplified.
     """
     frames = data.frames(held_out=False)
     tools, actions = data.tools[frames].astype(np.float64), data.actions[frames].astype(np.float64)

@@ -124,8 +124,9 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 def frames_bytes(frames: np.ndarray) -> bytes:
     """Return the content of a frame file for frames, (n, views, size, size, 3) uint8.
 
-    Each image is compressed on its own. If its difference to the first image of the same view, modulo 256, is shorter
-    when compressed, as with a static camera, the difference is stored instead.
+    Each image is compressed separately. If the difference between the image and the first image of the same view
+    (modulo 256) takes less space when compressed, the difference is stored instead. This is usually the case for a
+    static camera.
     """
     rows, views = frames.shape[:2]
     index = np.zeros((rows, views, _INDEX_NUMBERS), "<i8")

@@ -1,6 +1,7 @@
 """Training loop.
 
-Each step depends only on the weights, the seed and the index of the step, so training can be resumed.
+Each step depends only on the weights, the seed and the index of the step. An interrupted training can therefore be
+resumed.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ class TrainingProgress:
     Attributes:
         step: Number of finished steps, including those before an interruption.
         steps: Number of steps in the recipe.
-        loss: Mean loss of the last steps.
+        loss: Mean loss over the most recent steps.
         samples_per_s: Training samples per second since training was started or resumed, without validation.
     """
 
@@ -171,7 +172,7 @@ def require_place(out: Path, device: str) -> None:
 
 
 class _Training:
-    """Training in progress: network, optimizer, data and logs."""
+    """Training in progress, with its network, optimizer, data and logs."""
 
     def __init__(
         self,
@@ -305,7 +306,9 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Update the moving average of the weights. It adapts faster at first, since it starts from random weights.
+        """Update the moving average of the weights.
+
+        In the first steps it adapts faster, since it starts from random weights.
 
         Buffers of a user's learner, such as those of a batch norm, are copied instead of averaged.
         """
@@ -324,7 +327,7 @@ class _Training:
         return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256, code=code)
 
     def _validate(self) -> None:
-        """Log the validation errors by phase, and a few rollouts with the averaged weights."""
+        """Log the validation errors of the averaged weights by phase, and the outcomes of a few rollouts."""
         if self._world.rank:
             return
         network = new_network(self._recipe, self._data.vocabulary).to(self._device)
@@ -387,7 +390,7 @@ class _Training:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of a saved training state. Files of earlier versions have no digest of the tables."""
+    """Metadata of a saved training state. State files from earlier versions have no digest of the log tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -409,7 +412,7 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Load the weights of a checkpoint, which must have the same vocabulary as the data."""
+    """Load the initial weights from a checkpoint, which must have the same vocabulary as the data."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
@@ -441,7 +444,7 @@ def _identity(form: Mapping[str, Any]) -> str:
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings without the paths of input files, since inputs are identified by their hashes."""
+    """Return the settings without the paths of the input files. The inputs are identified by their hashes instead."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)

@@ -1,8 +1,8 @@
 """Answers of a co-trained learner about the position of the instructed object in its own trials.
 
-A policy that was also trained to answer questions may know where an object is and still reach elsewhere. To find out,
-it is asked about the recorded states of its own trials, with the same inputs with which it acted. Answers are cells of
-the image, see :mod:`betterbench.learning.training.questions`.
+A co-trained learner is a policy that was also trained to answer questions. It may know where an object is and still
+reach elsewhere. To find out, it is asked about the recorded states of its own trials, and receives the same inputs as
+when it acted. Answers are cells of the image, see :mod:`betterbench.learning.training.questions`.
 """
 
 from __future__ import annotations
@@ -49,8 +49,9 @@ class OwnAnswer:
         question: Question that the learner was asked.
         cell: Correct answer: "column,row" in a grid of 8 x 8 cells over the image.
         answer: Answer of the learner.
-        nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
-            cell is about as large as an object, so a neighboring cell often shows the object too.
+        nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell.
+            Since a cell is about as large as an object, an object often extends into a neighboring cell, which then
+            counts as an answer near the object.
     """
 
     trial: str
@@ -71,7 +72,7 @@ class OwnAnswer:
 
     @property
     def means_it(self) -> bool:
-        """Whether the answered cell is nearer to this object than to any other object."""
+        """Whether the answered cell is nearer to the object of the question than to any other object."""
         return self.nearest == self.object
 
 
@@ -81,9 +82,9 @@ class OwnAnswers:
 
     Attributes:
         where: Task with the name of the variation or of the training condition.
-        cells: Fraction of the answers that are the object's cell.
-        nearest: Fraction of the answers whose cell is nearer to the object than to any other object.
-        trials: Fraction of the trials in which the latter is true of all answers.
+        cells: Fraction of the answers that name the cell of the object.
+        nearest: Fraction of the answers that name a cell nearer to the object than to any other object.
+        trials: Fraction of the trials in which all answers name such a cell.
     """
 
     where: str
@@ -157,7 +158,7 @@ def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[
 
 
 def answer_scores(learner: Learner, record: Record, row: int, question: Question) -> np.ndarray:
-    """Return the learner's logits of all answers to a question about one row of a record, (answers,) float32.
+    """Return a learner's logits for all possible answers to a question about one row of a record, (answers,) float32.
 
     The learner must belong to the family ``objects``. Its input is the same as when it acts at that row, with the
     question in place of the instruction.
@@ -181,7 +182,10 @@ def answer_scores(learner: Learner, record: Record, row: int, question: Question
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield the rates of each condition, in the order of the answers, and then those of all answers ("all")."""
+    """Yield the rates for each condition, and then those for all answers ("all").
+
+    The conditions are in the order in which the answers contain them.
+    """
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:
         groups.setdefault(answer.where, []).append(answer)
@@ -214,7 +218,10 @@ def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagno
 
 
 def _nearest(answer: str, about: NamedObject) -> str:
-    """Return the name of the loose object nearest to the center of the answered cell. Return "" if it is not a cell."""
+    """Return the name of the loose object nearest to the center of the answered cell.
+
+    Return "" if the answer is not a cell.
+    """
     found = _CELL.fullmatch(answer)
     if found is None:
         return ""

@@ -1,9 +1,9 @@
 """Questions about the frames of demonstrations, which a policy learns to answer in addition to acting (co-training).
 
-The policy chooses among all answers that occur in its training questions. If the answer is a box, a point, or an option
-that is a box, it is represented by the cell of an 8 x 8 grid over the image that contains its center. The baselines of
-the question sets use the same cells. The input is the same as when the policy acts at that row, with the question
-instead of the instruction.
+The policy chooses among all answers that occur in its training questions. The image is divided into a grid of 8 x 8
+cells. A box or a point as an answer is represented by the cell that contains its center. The baselines of the question
+sets use the same cells. The policy receives the same input as when it acts in the recorded state, except that the
+question replaces the instruction.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class AskedQuestions:
         return tuple(sorted({learned_class(q) for episode, q in self.questions if not held_out[episode]}))
 
     def rows(self, count: int) -> list[np.ndarray]:
-        """Return, for each of ``count`` demonstrations, the sorted rows that questions are about."""
+        """Return, for each of ``count`` demonstrations, the sorted rows about which there are questions."""
         found: list[set[int]] = [set() for _ in range(count)]
         for episode, question in self.questions:
             found[episode].add(question.source.row)
@@ -87,9 +87,9 @@ class AskedQuestions:
 
 
 def question_text(question: Question) -> str:
-    """Return the text of a question as a policy receives it, with options.
+    """Return a question with its options as the policy receives it.
 
-    Boxes are replaced by words for their cells.
+    Boxes in the text are replaced by words for their cells.
     """
     return in_cells(question.prompt, question.width, CELLS)
 
@@ -100,7 +100,9 @@ def learned_class(question: Question) -> str:
 
 
 def option_class(option: str, width: int) -> str:
-    """Return the answer class of an option: for a box, its cell; otherwise the text of the option.
+    """Return the answer class of an option.
+
+    It is the cell of a box if the option is a box, and otherwise the option's text.
 
     Args:
         option: Text of the option.

@@ -125,7 +125,10 @@ def _mean(step: int, phase: str, errors: np.ndarray) -> PhaseError:
 
 
 def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
-    """Return held-out trials for rollouts. The conditions take turns, so that as many as possible are covered."""
+    """Return held-out trials for rollouts.
+
+    Successive trials are of different conditions, so as many conditions as possible are covered.
+    """
     left: dict[tuple[str, str], list[TrialId]] = {}
     for i in np.flatnonzero(data.held_out):
         trial = data.trials[i]

@@ -164,7 +164,7 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
     """Return the success rate of the training twins (the training trials with the same seeds), one per pair.
 
-    This is the rate from which the success rate of the variations is subtracted for the illusion gap.
+    The illusion gap is this rate minus the success rate of the variations.
 
     Args:
         diagnosis: Diagnosis of the run.

@@ -37,13 +37,16 @@ PATTERNS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Horizontal scale of a chart, from ``low`` to ``high`` (fractions)."""
+    """Horizontal scale of a chart, from ``low`` to ``high``, which are fractions and not percentages."""
 
     low: float
     high: float
 
     def share(self, value: float) -> float:
-        """Return the position of a value along the scale, from 0 to 1. Values outside the scale are clipped."""
+        """Return the position of a value along the scale, as a fraction from 0 to 1.
+
+        Values outside of the scale are clipped.
+        """
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
     @property
@@ -168,7 +171,7 @@ def reading(figure: Figure) -> str:
 
 
 def fitted(text: str, width_px: float) -> str:
-    """Shorten a text so that it fits into a width, with an ellipsis if it is cut."""
+    """Shorten a text to a width. If it is cut, an ellipsis is appended."""
     most = max(1, int(width_px / _CHARACTER_PX))
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
@@ -178,7 +181,7 @@ def _tick(value: float) -> str:
 
 
 def _patterns(name: str) -> str:
-    """Return the definitions of the patterns.
+    """Return the SVG definitions of the fill patterns.
 
     Their ids include the name of the drawing, since a page has several drawings.
     """
@@ -191,7 +194,10 @@ def _patterns(name: str) -> str:
 
 
 def _margins(chart: Chart) -> tuple[float, float]:
-    """Return the left and the right end of the bars in the wide version. They leave room for the names and numbers."""
+    """Return the x positions at which bars begin and end in the wide version.
+
+    Names and numbers need the rest of the width.
+    """
     rows = [row for group in chart.groups for row in group.rows]
     name = max((len(row.name) for row in rows), default=0) * _CHARACTER_PX + 10
     words = max((len(reading(row.figure)) for row in rows if isinstance(row, Bar)), default=0) * _CHARACTER_PX + 14
@@ -217,7 +223,7 @@ class _Pen:
         self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{markup_text(text)}{hint}</text>')
 
     def box(self, x: float, width: float, height: float, style: str) -> None:
-        """Draw a bar at the current height, with the pattern of its outcome family."""
+        """Draw a bar at the current vertical position, with the fill pattern of its outcome family."""
         at = f'x="{x:.1f}" y="{self.y:.1f}" width="{max(width, 0.0):.1f}" height="{height:.1f}"'
         self.marks.append(f'<rect {at} class="box {style}"/>')
         if PATTERNS.get(style):

@@ -134,9 +134,10 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
     """Sort trials so that the most representative trial comes first.
 
-    A trial is preferred if its training twin (the training trial with the same seed) succeeded, and next if its
-    training twin failed; trials without a training twin come last. Among the most preferred trials, the trial whose
-    evidence begins at the median time comes first. All other trials are sorted by this preference, then by seed.
+    The training twin of a trial is the training trial with the same seed. Trials whose training twin succeeded are
+    preferred to trials whose training twin failed, and both are preferred to trials without a training twin. Among the
+    most preferred trials, the trial whose evidence begins at the median time comes first. All other trials are sorted
+    by this preference and then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
@@ -150,9 +151,10 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Choose the times to show of a trial and of its training twin (the training trial with the same seed).
+    """Choose the moments of a trial and of its training twin (the training trial with the same seed) to show.
 
-    The times of the trial are around its evidence, and those of the training twin around the same step.
+    The moments of the trial are around its evidence, and those of the training twin are around the corresponding step
+    of the task.
     """
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
@@ -174,11 +176,13 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 
 
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
-    """Return the interval in the training twin (same seed) that corresponds to the evidence of a trial.
+    """Return the interval in a training twin that corresponds to the evidence of a trial.
+
+    The training twin is the training trial with the same seed.
 
     The interval is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, and
-    the evidence is about the n-th object that the trial attempted, it is the twin's grasp of the n-th object that the
-    twin attempted.
+    the evidence is about the n-th object that the policy attempted to grasp in the trial, the interval is the grasp of
+    the n-th object in the twin.
 
     Returns:
         Start and end of the interval, duration of the twin [s], and caption.
@@ -211,7 +215,7 @@ def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
 
 
 def _moments(start_s: float, end_s: float, duration_s: float, what: str) -> dict[float, str]:
-    """Return up to five times with their captions. Times that are nearly equal share a frame."""
+    """Return up to five moments with their captions. Moments that are nearly equal are merged."""
     wanted: Iterable[tuple[float, str]] = (
         (start_s, what),
         (0.0, "start"),

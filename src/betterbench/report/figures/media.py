@@ -22,7 +22,7 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and run folders for a report. The page leaves out what is missing.
+    """Images and run folders for a report. The page leaves out parts for which they are missing.
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.

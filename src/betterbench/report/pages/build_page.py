@@ -1,4 +1,4 @@
-"""Page about a generated suite: certified tasks with their cards, and rejected scenarios with their attempts."""
+"""Page about a generated suite: certified tasks with their task cards, and rejected scenarios with their attempts."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ def write_build_page(
 
 
 def powerless_of(task: str, power: PowerMatrix | None) -> Sequence[str]:
-    """Return the variations of a task that reveal no fault: every faulty rule in the power matrix solves them."""
+    """Return the variations of a task that do not reveal any fault.
+
+    Every faulty rule in the power matrix solves them.
+    """
     if power is None:
         return ()
     return [name for owner, name in power.variations if owner == task and power.control((owner, name))]

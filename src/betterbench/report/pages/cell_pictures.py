@@ -1,4 +1,4 @@
-"""Pictures in the cells of the diagnostic matrices: a frame of a trial's film, or else the initial scene."""
+"""Pictures in the cells of the diagnostic matrices: a frame of a film or, if there is none, the initial scene."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class CellPicture:
 
 
 def cell_pictures(matrices: Iterable[Matrix], films: Sequence[ShownFilm], media: Media) -> dict[CellName, CellPicture]:
-    """Return the pictures of all cells that have one.
+    """Return a picture for each cell for which there is one.
 
-    A film of the most frequent outcome in the cell is preferred to other films.
+    A film with the most frequent outcome in the cell is preferred to other films.
     """
     found = {}
     for matrix in matrices:

@@ -26,8 +26,8 @@ class Bar:
         value: The value.
         amount: Number of occurrences as text.
         percent: Length of the bar, as a percentage of all tasks or variations.
-        least: Position of the quota's minimum on the bar [%]; None without a quota.
-        most: Position of the quota's maximum on the bar [%]; None without a maximum.
+        least: Position of the quota's minimum on the bar [%]; None if there is no quota.
+        most: Position of the quota's maximum on the bar [%]; None if the quota has no maximum.
         is_open: Whether the quota is not met yet.
     """
 
@@ -148,7 +148,7 @@ def refusal_groups(refused: Sequence[Result]) -> list[RefusalGroup]:
 
 
 def _finding(result: Result) -> str:
-    """Return the clause of the certificate that the first attempt violated, or the stage at which it failed."""
+    """Return the requirement of the certificate that the first attempt violated, or the stage at which it failed."""
     first = result.attempts[0]
     if first.failures:
         clause = first.failures[0].clause

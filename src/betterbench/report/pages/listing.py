@@ -16,7 +16,7 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 
 
 class StringTable:
-    """Table of strings, in which each string is stored once and has an index. None has the index −1."""
+    """Table of strings, in which each string is stored once and has an index. The index −1 stands for None."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []

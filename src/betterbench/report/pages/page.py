@@ -68,7 +68,7 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """Note about a run that is in progress or was stopped.
+    """Note about a run that is still in progress or was stopped.
 
     Attributes:
         text: The note as a sentence.
@@ -81,12 +81,13 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """Film on the first screen.
+    """Film that the first screen of the report shows.
 
     Attributes:
         shown: The film.
         frames: Frames around the evidence.
-        twin_frames: Frames of the training twin (the training trial with the same seed) at the same step.
+        twin_frames: Frames of the training twin (the training trial with the same seed) at the corresponding step of
+            the task.
         pair: One frame of the trial and one of its training twin, each with a caption.
     """
 
@@ -178,7 +179,7 @@ def render_page(
 ) -> str:
     """Return the report page as HTML, with links to download the tables.
 
-    ``latex`` tells whether they exist as LaTeX too.
+    ``latex`` tells whether the tables also exist as LaTeX files.
     """
     pages = environment()
     pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural)
@@ -232,7 +233,7 @@ def render_page(
 
 
 def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
-    """Return the comparison of each policy with the pretenders, and tables for all policies.
+    """Return the comparisons of policies with pretenders, and tables for all policies.
 
     A pretender is a reference policy that lacks an ability on purpose.
     """
@@ -349,9 +350,9 @@ def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headli
 
 
 def _along(figure: Figure, value: float) -> str:
-    """Return the position of a value on the scale below a number, e.g. "62.0%".
+    """Return the position of a value on the scale that is drawn below a number, as a CSS length such as "62.0%".
 
-    The scale of a difference is from -1 to 1.
+    For a difference, the scale goes from -1 to 1.
     """
     low = -1.0 if figure.difference else 0.0
     return f"{100 * (min(max(value, low), 1.0) - low) / (1.0 - low):.1f}%"

@@ -66,7 +66,7 @@ def power_markdown(matrix: PowerMatrix) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Convert a text to Markdown. Names between backticks become code."""
+    """Convert a text to Markdown. Names between backticks are formatted as code."""
     parts = re.split("(`[^`]*`)", text)
     return "".join(markdown_code(part[1:-1]) if n % 2 else _escaped(part) for n, part in enumerate(parts))
 
@@ -103,7 +103,11 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
 
 
 def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
-    """Return sentences about variations that can be solved blind, before and after correcting for multiple tests."""
+    """Return sentences about variations that policies without vision, instruction or aim can solve.
+
+    These variations are listed before and after a correction for multiple tests. Another sentence lists the variations
+    whose instruction is redundant.
+    """
     said = []
     for mark, chosen in (
         (f"After Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
@@ -126,12 +130,15 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
 
 
 def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells that are above chance after the correction for multiple tests, smallest p-value first."""
+    """Return the cells whose success rate is above chance after a correction for multiple tests.
+
+    The smallest p-value comes first.
+    """
     return sorted((c for c in cells if c.flagged), key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells that are above chance before any correction, smallest p-value first."""
+    """Return the cells whose success rate is above chance without any correction, smallest p-value first."""
     found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
@@ -147,9 +154,9 @@ def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
 
 
 def blind_table(matrix: PowerMatrix) -> Table:
-    """Return the table with the success of every policy that lacks vision, instruction or aim, on every variation.
+    """Return a table with the success rates of policies that lack vision, instruction or aim, on every variation.
 
-    Cells above chance are marked.
+    Success rates above chance are marked.
     """
     names = [name for name in (*BLIND, *FLOOR) if name in matrix.cells]
     tested = {(c.pretender, (c.task, c.variation)): c for c in matrix.blind_cells()}

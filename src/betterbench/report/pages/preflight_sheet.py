@@ -122,7 +122,10 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
 
 
 class _Page:
-    """Layout of texts and images from top to bottom, in pixels from the upper left corner. It is drawn at the end."""
+    """Canvas on which texts and images are placed from top to bottom, in pixels from the upper left corner.
+
+    The canvas is drawn when it is complete.
+    """
 
     def __init__(self) -> None:
         self.x, self.y, self.width = _PAD, float(_PAD), _WIDTH - 2 * _PAD
@@ -185,7 +188,7 @@ class _Page:
         self._items.append(draw)
 
     def figure(self) -> Figure:
-        """Return the page as a figure that is as tall as its content."""
+        """Return the canvas as a figure that is as tall as its content."""
         height = math.ceil(self.y + _PAD)
         figure = Figure(figsize=(_WIDTH / _DPI, height / _DPI), dpi=_DPI, facecolor=_PAPER)
         for draw in self._items:

@@ -104,7 +104,7 @@ def _score_table(views: Sequence[PretenderView]) -> ScoreTable:
 
 
 def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:
-    """Return the columns of the score table in which at least one policy has trials, in the order of the suite."""
+    """Return the columns of the score table for which at least one policy has trials, in the order of the suite."""
     return tuple(scope for scope in SCOPES if any(scope in s.scores for s in standings))
 
 

@@ -18,9 +18,9 @@ from betterbench.tasks.worlds.facts import facts_of_task
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
-    """Return statements about the reliability of the benchmark for these runs, by name.
+    """Return statements about the reliability of the benchmark for the given runs, by name of the statement.
 
-    Each has one or two sentences.
+    Each statement consists of one or two sentences.
     """
     if all(map(is_abroad, diagnoses)):
         worlds = {name: facts_of_task(name) for d in diagnoses for name in dict.fromkeys(t.task for t in d.trials)}
@@ -46,7 +46,7 @@ def _interval(held_out: Calibration) -> str:
 
 
 def _blind(ran: set[str]) -> dict[str, str]:
-    """Return a statement about the variations of the run that can be solved blind."""
+    """Return statements about the variations in the run that can be solved without observations, by name."""
     matrix = power_matrix_of(_tasks(ran))
     if matrix is None:
         return {"Blind probes": f"This build contains no power matrix; {power_cure(_tasks(ran))}."}

@@ -27,7 +27,8 @@ class CellPosition:
 def cell_of(setting: ResolvedCondition) -> CellPosition | None:
     """Return the matrix cell of a condition. Return None if the condition is in no matrix.
 
-    If the task defines its own matrices, these decide. Otherwise, the initial states of the objects decide.
+    If the task defines its own matrices, they list the conditions of each cell. Otherwise, the cell follows from the
+    initial states of the objects.
     """
     for matrix in setting.task.matrices:
         cell = matrix.cell_of(setting.condition.name)
@@ -74,9 +75,9 @@ def _is_pick(condition: Condition, goal: Subgoal) -> bool:
 
 
 def _target_state(condition: Condition, goal: Subgoal) -> State:
-    """Return the initial state of the object of a subgoal.
+    """Return the initial state of the object that a subgoal is about.
 
-    The second of two equal subgoals is about the second object.
+    If two subgoals are equal, the second of them is about the second object.
     """
     names = condition.resolve(goal.reference)
     if len(names) < goal.count:
@@ -85,7 +86,10 @@ def _target_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _distractor_state(condition: Condition, goal: Subgoal) -> State:
-    """Return the initial state of the other objects. It is "on the table" if at least one of them is on the table."""
+    """Return the initial state of the pickable objects that are not targets.
+
+    It is "on the table" if at least one of them is on the table.
+    """
     supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
     targets = condition.resolve(goal.reference)
     others = [

@@ -48,8 +48,9 @@ def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTa
 def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     """Return one row per task and policy: success of training twins and variations, illusion gap, and main failure.
 
-    The columns ``training_`` count the training twins, one per pair, or all training trials if there are no pairs. The
-    gap is ``training_success_rate`` minus ``paired_success_rate``.
+    The columns whose names begin with ``training_`` count the training twins (the training trials with the same seeds),
+    or all training trials if there are no pairs of trials. The gap is ``training_success_rate`` minus
+    ``paired_success_rate``.
     """
     rows = []
     for view in task_views(diagnoses):

@@ -74,8 +74,8 @@ def paper_table_to_latex(table: PaperTable) -> str:
 def _row(cells: Sequence[str]) -> str:
     """Return one line of a tabular from its LaTeX cells.
 
-    LaTeX takes a bracket or an asterisk after the end of a row or a rule as an argument, even on a new line. An empty
-    group in front of it prevents this.
+    LaTeX treats a bracket or an asterisk that follows the end of a row or a rule as an argument, even on a new line. An
+    empty group in front of the row's text prevents this.
     """
     line = " & ".join(cells) + r" \\"
     return f"{{}}{line}" if line.lstrip(" ~").startswith(("[", "*")) else line
@@ -94,7 +94,7 @@ def _floated(lines: Sequence[str], caption: str, label: str) -> str:
 
 
 def _figure(figure: Figure) -> str:
-    """Return a number, with its count and interval in small print."""
+    """Return a number as LaTeX, with its count and interval in small print."""
     if figure.missing:
         return "--"
     number = latex_text(figure.number(1)) + ("" if figure.difference else r"\,\%")
@@ -110,7 +110,7 @@ def _numeric(table: Table, column: int) -> bool:
 
 
 def _cell(value: Scalar) -> str:
-    """Return the text of a cell. Fractions are rounded to four decimals."""
+    """Return the text of a table cell. Fractions are rounded to four decimals."""
     if value is None:
         return "--"
     if isinstance(value, bool):

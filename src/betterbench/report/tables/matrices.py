@@ -77,13 +77,13 @@ class Cell:
 
     Attributes:
         sources: Conditions of the run that belong to the cell.
-        success: Success rate over all their trials.
+        success: Success rate over all trials of these conditions.
         labels: Labels of the trials with their counts, most frequent first.
         needless: Number of successful trials with an unnecessary step, such as an air grasp at an empty slot.
         note: Reason why the cell is empty; "" if it is not empty.
         paper: Outcome that the paper reports, for reference.
         twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. In the cell of the training conditions, it has no trials.
+            scene. In the cell of the training conditions, this rate is based on no trials.
     """
 
     row: State
@@ -205,7 +205,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 def _source(
     name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
 ) -> MatrixSource:
-    """Return the outcomes of a condition's trials, and the success of the training trials with the same seeds."""
+    """Collect the outcomes of a condition's trials, and the success rate of the training trials with the same seeds."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]

@@ -47,7 +47,7 @@ class PaperRow:
 class PaperTable:
     """One of the paper's tables.
 
-    ``groups`` are headings over columns, and ``name`` is the file name without extension.
+    ``groups`` contains the headings over several columns, and ``name`` is the file name without extension.
     """
 
     name: str
