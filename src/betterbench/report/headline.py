@@ -59,8 +59,8 @@ class Failure:
     """Main failure mode of some trials, with its count among the failures and among all trials.
 
     ``look_alikes`` counts further trials that the same faulty rule explains: the policy took an object that looks like
-    the target from the slot in which the target was during training. It is 0 if more trials have the label of the rule
-    itself.
+    the target from the slot in which the target was during training. It is 0 if trials with such an object are less
+    frequent than trials with the label itself.
     """
 
     label: Label
@@ -205,9 +205,9 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of trials in which the rule behind a label led the policy to a similar-looking object.
+    """Return the number of trials in which the rule behind a label led to an object that looks like the target.
 
-    Return 0 if more trials have the label itself.
+    Return 0 if trials with such an object are less frequent than trials with the label itself.
     """
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
@@ -412,7 +412,7 @@ def _is_majority(failed: Sequence[TrialDiagnosis], main: Label) -> bool:
 
 
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Add a note to a conclusion if its label explains less than half of the failures of its kind."""
+    """Add a note to a conclusion if its label explains less than half of the failures of the label's kind."""
     if _is_majority(failed, main):
         return text
     same, kind = _counts(failed, main)

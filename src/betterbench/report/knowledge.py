@@ -53,7 +53,7 @@ class KnowledgeView:
         roles: For each role of a question, a phrase with the number of correct answers.
         known_failures: Keys of the failed trials in which the model knew the right decision.
         groups: Knowledge and behavior by axis, variation and failure mode.
-        tested: Number of groups in Holm's correction.
+        tested: Number of groups that were tested, for which Holm's correction accounts.
     """
 
     model: str

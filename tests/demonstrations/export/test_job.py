@@ -336,7 +336,7 @@ def test_a_record_that_is_given_twice_is_refused(demonstrations, tmp_path):
     shutil.copytree(run.path, tmp_path / "copy")
     for runs in ([run, run], [run, RunFolder.open(tmp_path / "copy")]):
         with pytest.raises(
-            InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Name each run once"
+            InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Pass each run only once"
         ):
             select_demonstrations(runs)
 

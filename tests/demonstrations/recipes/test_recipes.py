@@ -157,7 +157,7 @@ def test_the_papers_steps_are_called_the_papers_for_pi05_alone():
 
 def test_other_frameworks_have_no_recipe_for_the_real_arm():
     for framework in ("gr00t", "being-h"):
-        with pytest.raises(InvalidInputError, match="Use openpi or lerobot, or another recipe"):
+        with pytest.raises(InvalidInputError, match="Use openpi or lerobot, or choose another recipe"):
             made(framework, "real_arm")
     with pytest.raises(UnknownNameError, match="real_arm"):
         recipe_of("real_arms")

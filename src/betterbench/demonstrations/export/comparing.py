@@ -57,7 +57,7 @@ def require_equal(there: object, wanted: object, where: str) -> None:
 
 @contextmanager
 def intact(where: str) -> Iterator[None]:
-    """Convert errors that occur while a part of a data set is read into an InvalidInputError."""
+    """Context manager that raises InvalidInputError if a part of a data set is damaged and cannot be read."""
     try:
         yield
     except BetterError:

@@ -174,7 +174,7 @@ def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def json_bytes(form: object) -> bytes:
-    """Return the content of a JSON file with indentation."""
+    """Serialize a value as indented JSON."""
     return (json_text(form, indent=4, allow_nan=False) + "\n").encode()
 
 

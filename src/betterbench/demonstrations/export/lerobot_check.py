@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of all content except images, image statistics, and questions in the language columns.
+    """Check of a LeRobot data set. It does not include images, image statistics, and questions in the language columns.
 
     Attributes:
         listed_in: Folders in which trainers read every Parquet file.
@@ -100,7 +100,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare all other files in ``meta``."""
+        """Compare the files in ``meta`` that describe the data set as a whole."""
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
@@ -111,7 +111,7 @@ class LeRobotCheck(ABC):
         """Return the name of the video file that contains an episode, and the index of its first frame in the file."""
 
     def same_json(self, file: str, wanted: object) -> None:
-        """Compare the content of a JSON file."""
+        """Compare a JSON file with its expected content."""
         require_match(_json(self.path / file), wanted, str(self.path / file))
 
     def _open(self, name: str, wanted: pa.Table) -> pa.Table:
@@ -249,7 +249,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
     """Return the check for a data set of version 2.1 or 3.0.
 
     Raises:
-        InvalidInputError: If a file in ``meta`` is damaged, or lists another number of episodes.
+        InvalidInputError: If a file in ``meta`` is damaged, or lists a different number of episodes than expected.
     """
     with intact(str(path / "meta")):
         info = _json(path / "meta/info.json")

@@ -103,7 +103,9 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
         other = first.setdefault(one.digest, one)
         if other is not one:
             where = f"{runs[one.run].path}: record of {one.trial}"
-            raise InvalidInputError(where, f"the same record is also in {runs[other.run].path}", "Name each run once")
+            raise InvalidInputError(
+                where, f"the same record is also in {runs[other.run].path}", "Pass each run only once"
+            )
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:

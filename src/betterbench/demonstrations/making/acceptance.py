@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """Coverage of the possible initial states of a training condition by its accepted demonstrations."""
+    """Measure of how well the accepted demonstrations of a training condition cover its possible initial states."""
 
     condition: str
     demonstrations: int
@@ -193,8 +193,10 @@ def write_acceptance(
     Args:
         run: Folder of the run.
         found: Outcomes of the run's attempts.
-        films: Video by task and kind of failure: its path relative to ``index.md``, or the reason why it is missing.
-        pictures: Picture of the tool paths by task: its path relative to ``index.md``, or the reason why it is missing.
+        films: For each task and kind of failure, the path of a video relative to ``index.md``, or the reason why there
+            is none.
+        pictures: For each task, the path of a picture of the tool paths relative to ``index.md``, or the reason why
+            there is none.
     """
     folder = run.inside(FOLDER)
     text = json_text(found.to_json(), indent=1) + "\n"
@@ -208,8 +210,10 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
 
     Args:
         found: Outcomes of the run's attempts.
-        films: Video by task and kind of failure: its path relative to the report, or the reason why it is missing.
-        pictures: Picture of the tool paths by task: its path relative to the report, or the reason why it is missing.
+        films: For each task and kind of failure, the path of a video relative to the report, or the reason why there is
+            none.
+        pictures: For each task, the path of a picture of the tool paths relative to the report, or the reason why there
+            is none.
     """
     mean = "none yet" if found.mean_rate is None else f"{100.0 * found.mean_rate:.1f} %"
     lines = [

@@ -27,7 +27,8 @@ def film_failures(
         on_progress: Called with the number of finished videos and the total number.
 
     Returns:
-        Video by task and kind of failure: its path relative to the report folder, or the reason why it is missing.
+        For each task and kind of failure, the path of the video relative to the report folder, or the reason why there
+        is none.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
     films: dict[tuple[str, str], str] = {}

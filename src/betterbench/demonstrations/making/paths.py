@@ -33,7 +33,7 @@ def draw_paths(run: RunFolder, *, on_progress: OnCount | None = None) -> dict[st
         on_progress: Called with the number of finished pictures and the total number.
 
     Returns:
-        Picture of each task: its path relative to the report, or the reason why it could not be drawn.
+        For each task, the path of the picture relative to the report, or the reason why it could not be drawn.
     """
     leads = {t: next((n.lead for n in o.notes if n.accepted), "") for t, o in attempts_of(run.path).items()}
     done = sorted(entry.key for entry in run.entries() if entry.status == "done")

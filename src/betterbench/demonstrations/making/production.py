@@ -292,7 +292,9 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect demonstrations by the expert in varied motion styles. Calling it again resumes the run.
+    """Collect demonstrations by the expert in varied motion styles.
+
+    If the run was interrupted, calling this function again resumes it.
 
     Args:
         tasks: Names of the tasks.
@@ -335,7 +337,7 @@ def amplify(
 ) -> RunFolder:
     """Generate demonstrations for new initial states from the demonstrations of a run, in a new run folder.
 
-    Calling it again resumes the run.
+    If the run was interrupted, calling this function again resumes it.
 
     Args:
         sources: Run folder with the source demonstrations.
@@ -448,8 +450,8 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
         logger.warning(
-            "%d starts are in only one of the journals of demonstrations and attempts (first: %s), because a journal "
-            "was truncated or the command was killed. These starts are run again",
+            "%d initial states are in only one of the journals of demonstrations and attempts (first: %s), because a "
+            "journal was truncated or the command was killed. They are attempted again",
             len(lost),
             lost[0],
         )

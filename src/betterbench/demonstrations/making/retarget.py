@@ -64,7 +64,7 @@ class CarriedOver:
         return step
 
     def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
-        """Return the part of the skill from a step on, with a different speed until the gripper moves.
+        """Return the part of the skill that begins at a given step, sped up until the gripper moves.
 
         The speed of the gripper does not change.
 
@@ -77,7 +77,7 @@ class CarriedOver:
         return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
 
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
-        """Return some poses of the steps ``begin`` to ``end`` to check for collisions, including both end points."""
+        """Return poses at some of the steps ``begin`` to ``end``, including both, at which to check for collisions."""
         found = [self.targets[begin]]
         for pose in self.targets[begin + 1 : end]:
             far = distance(pose.position, found[-1].position) >= CHECKED_EVERY_M

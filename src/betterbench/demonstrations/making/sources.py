@@ -174,7 +174,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 def _require_version(record: Record, where: str) -> None:
     """Raise RecordError if a record was made with another version of the suite or the task.
 
-    In another version, the objects may be at other positions.
+    The objects may be at other positions in another version, so the recorded motions might not fit.
     """
     meta = record.metadata
     versions = (

@@ -108,7 +108,7 @@ def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None
 
 
 def retimed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
-    """Resample a motion with one pose per control step to another speed. The first and the last pose stay the same.
+    """Change the speed of a motion that has one pose per control step. The first and the last pose stay the same.
 
     Translation and rotation per step are limited, so the result may be slower than requested.
     """
@@ -136,7 +136,7 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
 
 
 def checkpoints(way: Sequence[Pose], step_m: float) -> list[Pose]:
-    """Return poses along a transit that are checked for collisions.
+    """Return the poses along a transit at which to check for collisions.
 
     Neighboring poses are at most ``step_m`` apart [m].
     """

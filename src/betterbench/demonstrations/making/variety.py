@@ -106,7 +106,7 @@ class TaskVariety:
 
     Attributes:
         task: Task name.
-        spread: Mean over all motions.
+        spread: Mean difference between two demonstrations, averaged over all motions.
         motions: Variety of each motion, for conditions with at least two demonstrations.
     """
 

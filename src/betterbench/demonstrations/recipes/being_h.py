@@ -170,7 +170,7 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
         raise InvalidInputError(
             "frozen: being-h",
             "the language model cannot be frozen separately: freeze_llm also freezes the action expert",
-            "Freeze vision and language, vision, or nothing",
+            "Freeze both vision and language, only vision, or nothing",
         )
     whole = frozen == {"vision", "language"}
     return (

@@ -115,9 +115,11 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     longest = (form.chunk or default) - (chunk == "horizon")
     if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
         problem = f"diffusion halves its horizon three times, but {form.chunk} is not a multiple of {_DOWNSAMPLED}"
-        raise InvalidInputError("chunk", problem, "Use a multiple of 8, or leave out chunk")
+        raise InvalidInputError("chunk", problem, "Use a multiple of 8, or leave out the field")
     if longest < 1:
-        raise InvalidInputError("chunk", f"{policy} needs at least two steps", "Use a larger chunk, or leave out chunk")
+        raise InvalidInputError(
+            "chunk", f"{policy} needs at least two steps", "Use a larger number, or leave out the field"
+        )
     batch = recipe.setting("batch", "batch")
     rows = [
         Setting(
@@ -164,11 +166,11 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
         raise InvalidInputError(
             "frozen: lerobot",
             f"{policy} has no option to freeze parts of the model",
-            "Leave out frozen, or use pi05 or smolvla",
+            "Leave out the field frozen, or use the policy pi05 or smolvla",
         )
     if frozen == {"language"}:
         problem = f"the language model of {policy} cannot be frozen separately"
-        raise InvalidInputError("frozen: lerobot", problem, "Freeze vision and language, vision, or nothing")
+        raise InvalidInputError("frozen: lerobot", problem, "Freeze both vision and language, only vision, or nothing")
     if policy not in ("smolvla", "pi05"):
         return ()
     return (

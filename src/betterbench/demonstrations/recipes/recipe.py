@@ -198,7 +198,7 @@ def _check_saving(recipe: Recipe, where: str) -> None:
         problem = (
             f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last checkpoint would not be saved"
         )
-        raise InvalidInputError(f"{where}: save_every", problem, "Use a divisor of the steps, or leave out save_every")
+        raise InvalidInputError(f"{where}: save_every", problem, "Use a divisor of steps, or leave out save_every")
 
 
 @cache

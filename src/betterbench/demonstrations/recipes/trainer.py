@@ -379,8 +379,8 @@ def evaluation_lines(
     evaluated with LIBERO's own code and, if possible, also on betterbench's suite.
 
     Args:
-        recipe: Recipe of the training.
-        data: Data set of the training.
+        recipe: Training recipe.
+        data: Data set on which the policy is trained.
         address: Policy address, such as ``openpi://localhost:8000``, for a policy trained on betterbench's
             demonstrations.
         on_libero: Commands of the framework's own LIBERO evaluation, for a policy trained for LIBERO.

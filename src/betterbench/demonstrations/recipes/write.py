@@ -70,7 +70,7 @@ def trainer_setup(
     is_real = recipe.benchmark == "real"
     if is_real and framework not in ("openpi", "lerobot"):
         problem = f"{framework} has no recipe for data of a real SO-101"
-        raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or another recipe")
+        raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or choose another recipe")
     recipe = recipe.of_policy(policy if framework == "lerobot" else "pi05")
     published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
     places = tuple(data) or ((published,) if published else ())

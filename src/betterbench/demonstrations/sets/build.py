@@ -80,7 +80,9 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make the training set that a recipe describes. Calling it again resumes the work and gives the same bytes.
+    """Make the training set that a recipe describes.
+
+    If this is interrupted, calling the function again resumes it and gives the same bytes.
 
     Args:
         recipe: Recipe of the set.
@@ -114,7 +116,7 @@ def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures
     run = _demonstrations(recipe, out, workers, tell)
     trials = sorted(entry.key for entry in run.entries() if entry.status == "done")
     if not trials:
-        raise InvalidInputError(str(run.path), "no attempt was accepted", "Read the reasons in its folder acceptance")
+        raise InvalidInputError(str(run.path), "no attempt was accepted", "See the reasons in its folder acceptance")
     held_out = frozenset(validation_seeds({trial.seed for trial in trials}, recipe.validation))
     numbers, facts, variety = _proven(run, recipe, trials, held_out, tell)
     pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
@@ -228,7 +230,7 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> 
 def _write(
     made: MadeDataset, recipe: SetRecipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
 ) -> None:
-    """Write all derived files. ``dataset.json`` is written last."""
+    """Write the files that are derived from the demonstrations. ``dataset.json`` is written last."""
     out, counts = made.path, numbers.counts()
     write_durably(out / "split.json", _json(split))
     write_durably(out / "statistics.json", _json(numbers.statistics()))

@@ -48,7 +48,7 @@ class CardFacts:
     """Content of a dataset card apart from the recipe.
 
     Attributes:
-        sheets: Picture of each task: its path relative to the card, or the reason why it is missing.
+        sheets: For each task, the path of its picture relative to the card, or the reason why there is none.
         variety: How much the demonstrations of each task differ.
         sources: How much the source demonstrations of each task differ.
     """

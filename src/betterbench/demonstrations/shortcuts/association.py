@@ -256,7 +256,7 @@ def features_test(
     the outcome in which any feature has at least as much mutual information (single-step maxT of Westfall and Young).
 
     Args:
-        presence: (episodes, features) whether an episode has a feature.
+        presence: (episodes, features) mask of the features that each episode has.
         outcome: Outcome of each episode.
         draw: Random generator of the permutations.
 

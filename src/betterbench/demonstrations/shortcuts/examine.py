@@ -350,7 +350,7 @@ class _Said:
     Attributes:
         words: Words of each entry.
         shown: Text that represents each entry in findings.
-        presence: (episodes, entries) whether an episode's instruction contains the entry.
+        presence: (episodes, entries) mask of the entries that each episode's instruction contains.
     """
 
     words: tuple[tuple[str, ...], ...]
@@ -552,7 +552,7 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Return whether a word removes at least :data:`NEARLY_ALWAYS` of the outcome's uncertainty.
+    """Return whether knowing a word removes at least the fraction :data:`NEARLY_ALWAYS` of the outcome's uncertainty.
 
     Args:
         seen: Counts of the outcomes with the word.

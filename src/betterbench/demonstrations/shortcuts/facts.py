@@ -110,7 +110,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
     Args:
         record: Record of the episode, whose states show the moved objects.
-        condition: Condition with which the episode started, whose slots name the places.
+        condition: Condition in which the episode started. The names of its slots are used as names of places.
     """
     meta = record.metadata
     goals = {goal.name: goal for goal in condition.instruction.subgoals}

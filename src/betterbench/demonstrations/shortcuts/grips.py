@@ -176,7 +176,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
 
 
 def _cure(side: str) -> str:
-    return f"Give --closed low or --closed high, such as --closed {side} for 0 closed and 1 open"
+    return f"Pass --closed low or --closed high, for example --closed {side} if 0 means closed and 1 means open"
 
 
 def _width(low: float, high: float) -> tuple[str, str] | None:

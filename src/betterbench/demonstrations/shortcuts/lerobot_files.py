@@ -141,7 +141,7 @@ def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
 
 @contextmanager
 def _one_line(where: Path) -> Iterator[None]:
-    """Convert errors that occur while the instructions are read into a RecordError whose message is a single line."""
+    """Context manager that raises RecordError with a one-line message if the instructions cannot be read."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:

@@ -50,7 +50,7 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Word
     to the pair of these features.
 
     Args:
-        presence: (episodes, features) whether an episode has a feature.
+        presence: (episodes, features) mask of the features that each episode has.
         outcome: (episodes,) index of each episode's outcome, from 0.
         fewest: Minimum number of episodes with both features of a pair.
     """

@@ -124,11 +124,19 @@ class WordOutcome:
     is_place: bool = True
 
     def question(self, level: str) -> str:
-        """Return the name of the question at a level: single words, word pairs or complete instructions."""
+        """Return the name of the question about single words, about word pairs, or about complete instructions.
+
+        Args:
+            level: What the question is about.
+        """
         return self.name + level
 
     def title(self, level: str) -> str:
-        """Return the title of the question at a level: single words, word pairs or complete instructions."""
+        """Return the title of the question about single words, about word pairs, or about complete instructions.
+
+        Args:
+            level: What the question is about.
+        """
         return f"{_LEVELS[level]} and {self.what}"
 
 

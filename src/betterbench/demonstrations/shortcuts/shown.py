@@ -28,7 +28,7 @@ AT_TARGET_M = 0.20
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: training conditions, variations, and those of other distributions."""
+    """Return all conditions of a task: training conditions, variations, and those of other training distributions."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 

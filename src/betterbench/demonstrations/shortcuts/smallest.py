@@ -93,9 +93,9 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether there are too few demonstrations to find every strong rule.
+        """Whether some strong rules would be missed because there are too few demonstrations.
 
-        The search grid's step size is allowed for.
+        A difference of one step of the search grid is ignored.
         """
         if self.least_share is None:
             return True
@@ -122,7 +122,7 @@ def said_of(share: float | None, of: str) -> str:
 
     Args:
         share: Smallest fraction that a rule must determine to be found; None if no rule would be found.
-        of: Number of compared demonstrations, with the noun.
+        of: Number of compared demonstrations with the noun, such as "24 demonstrations".
     """
     if share is None:
         return f"with {of}, not even a rule without exceptions would be found"
@@ -202,7 +202,7 @@ class Planted:
         return float(np.partition(self.null, place)[place])
 
     def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
-        """Return the fraction of planted data sets in which the audit finds the rule.
+        """Return the fraction of data sets with a planted rule in which the audit finds this rule.
 
         Args:
             share: Fraction of the units that the rule determines.
@@ -253,7 +253,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
     """Rearrange the data of a question about words so that the most informative word determines the outcome.
 
     Args:
-        presence: (episodes, words) whether an episode's instruction contains a word.
+        presence: (episodes, words) mask of the words that each episode's instruction contains.
         outcome: Outcome of each episode.
         found: Association found for each word.
         null: (PERMUTATIONS,) largest mutual information of any word in each permutation [bit].

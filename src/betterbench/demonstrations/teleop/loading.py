@@ -15,7 +15,7 @@ from betterbench.demonstrations.teleop.session import TeleopSession
 class SessionLoader:
     """Loader that prepares one session at a time.
 
-    With ``apart``, a session is prepared in a separate thread, which is abandoned when the command ends.
+    If ``apart`` is True, sessions are prepared in a separate thread, which is abandoned when the command ends.
     """
 
     def __init__(self, make: Callable[[Start], TeleopSession], *, apart: bool = False) -> None:

@@ -108,7 +108,7 @@ def rises(doses: Sequence[DoseFinding]) -> bool | None:
 def named_when_planted(doses: Sequence[DoseFinding]) -> Figure:
     """Return the fraction of reasoning failures with a label on the variation's task card.
 
-    Only doses at which the confound counts as planted are included.
+    Only doses of at least :data:`PLANTED` are included.
     """
     planted = [d.exposed for d in doses if d.dose >= PLANTED and not d.task]
     return Figure.of_rate(Rate(sum(f.k or 0 for f in planted), sum(f.n or 0 for f in planted)))

@@ -367,7 +367,7 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 def reworded(task: str) -> tuple[str, ...]:
     """Return the variations that differ from their training condition only in the instruction.
 
-    The instruction of such a variation names another first object.
+    The instruction of such a variation asks for another object to be handled first.
     """
     found = []
     for variation in get_task(task).variations:

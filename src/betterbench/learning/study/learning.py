@@ -1,6 +1,7 @@
 """Training of a study's learners, either a single learner in this process or several learners in parallel processes.
 
-Training a learner of this size occupies one CPU core. On two cores, two learners in parallel take as long as one.
+The networks are small, so training a learner occupies a single CPU core. On two cores, training two learners in
+parallel takes as long as training one.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class TrainingJob:
 
     Attributes:
         recipe: Training recipe.
-        out: Folder for the training.
+        out: Folder for the training run.
         begins_with: SHA-256 of the checkpoint that provides the initial weights; "" if it is unknown or there is none.
     """
 

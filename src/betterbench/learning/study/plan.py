@@ -140,7 +140,9 @@ class StudyPlan:
                 conditions_of(task, regime)
         for arm, shares in self.arms.items():
             if abs(sum(shares.values()) - 1.0) > _SUM_SLACK:
-                raise InvalidInputError(f"arms.{arm}", "the fractions do not add up to 1", "Change them to add up to 1")
+                raise InvalidInputError(
+                    f"arms.{arm}", "the fractions do not add up to 1", "Change them so that they add up to 1"
+                )
             if len(shares) > self.demos:
                 problem = f"{self.demos} demonstrations are too few for {len(shares)} training distributions"
                 raise InvalidInputError(f"arms.{arm}", problem, "Increase demos")
@@ -164,7 +166,9 @@ class StudyPlan:
         levered = sum(len(v.tasks or self.tasks) * len(v.arms or self.arms) for v in self.levers)
         learners = len(self.seeds) * (plain + levered)
         if learners > MOST_LEARNERS:
-            raise InvalidInputError("seeds", f"the plan has {learners} learners", f"Plan at most {MOST_LEARNERS}")
+            raise InvalidInputError(
+                "seeds", f"the plan has {learners} learners", f"Plan at most {MOST_LEARNERS} learners"
+            )
         most = max(len(get_task(task).variations) for task in self.tasks) + 1
         if len(self.tasks) * most * self.trials > MOST_TRIALS:
             problem = f"{self.trials} trials per variation are more than {MOST_TRIALS} for all learners of a seed"
@@ -241,7 +245,9 @@ class StudyPlan:
             missing = never_shown_before(self.arms[lever.start], task, self.arms[arm])
             if missing:
                 problem = f"its learner of {task} was not trained on {', '.join(missing)}, but {arm} is"
-                raise InvalidInputError(where, problem, "Start from an arm that contains it, or leave out the task")
+                raise InvalidInputError(
+                    where, problem, "Start from an arm that was trained on all of them, or leave out the task"
+                )
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
         """Return how many demonstrations per training condition an arm takes from each training distribution.

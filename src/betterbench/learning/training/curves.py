@@ -1,4 +1,4 @@
-"""Logs of a training: tables as CSV, and curves as SVG. Interruptions of the training do not change the CSV files."""
+"""Logs of a training run: tables as CSV, and curves as SVG. Interruptions do not change the CSV files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 
 @dataclass(slots=True)
 class Log:
-    """Tables that log a training. Their rows are in the order of the training steps."""
+    """Tables that log a training run. Their rows are in the order of the training steps."""
 
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)
@@ -50,7 +50,8 @@ class Log:
     def read(cls, out: Path, until: int) -> Log:
         """Read the tables in a training folder up to a step.
 
-        Rows after that step are dropped, since an interrupted training may have logged beyond its last saved state.
+        Rows after that step are dropped, since an interrupted training run may have logged steps after its last saved
+        state.
         """
         return cls(
             _read(out / "loss.csv", LossRow, until),

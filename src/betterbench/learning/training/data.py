@@ -174,7 +174,8 @@ def require_questions(recipe: TrainingRecipe) -> None:
     """Check that the question sets of a recipe are about its demonstrations, without reading the demonstrations.
 
     Raises:
-        BetterError: The same errors as :func:`read_training_set` if they are not.
+        BetterError: If a question set is not about the demonstrations. The types of error are those of
+            :func:`read_training_set`.
     """
     _asked(recipe, _chosen(recipe)[1])
 

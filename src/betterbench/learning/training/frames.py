@@ -238,7 +238,9 @@ class FrameStore:
 
     def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
         if len({e.shape[1:] for e in episodes}) > 1:
-            raise InvalidInputError("frames", "the files have different shapes", "Use the frames of one recipe")
+            raise InvalidInputError(
+                "frames", "the files have images of different shapes", "Use only frames that were made for one recipe"
+            )
         self._episodes = tuple(episodes)
         self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
         self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()

@@ -1,6 +1,6 @@
 """Training loop.
 
-Each step depends only on the weights, the seed and the index of the step. An interrupted training can therefore be
+Each step depends only on the weights, the seed and the index of the step. An interrupted training run can therefore be
 resumed.
 """
 
@@ -70,11 +70,11 @@ _PATIENCE = timedelta(hours=6)
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """Progress of a training.
+    """Progress of a training run.
 
     Attributes:
         step: Number of finished steps, including those before an interruption.
-        steps: Number of steps in the recipe.
+        steps: Total number of steps, as stated in the recipe.
         loss: Mean loss over the most recent steps.
         samples_per_s: Training samples per second since training was started or resumed, without validation.
     """
@@ -90,14 +90,14 @@ OnTraining = Callable[[TrainingProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """Result of a complete training.
+    """Result of a complete training run.
 
     Attributes:
         checkpoint: Checkpoint file of the policy.
         parameters: Number of trained parameters.
-        log: Tables of the training.
+        log: Tables that log the training run.
         seconds: Time since training was started or resumed, without reading the data [s].
-        samples_per_s: Training samples per second in this time, without validation; 0 if the training was already
+        samples_per_s: Training samples per second in this time, without validation; 0 if the training run was already
             complete.
     """
 
@@ -116,13 +116,13 @@ def train(
     device: str = "cpu",
     on_progress: OnTraining | None = None,
 ) -> TrainingResult:
-    """Train a policy by a recipe, or resume an interrupted training.
+    """Train a policy by a recipe, or resume an interrupted training run.
 
     On the same machine and with the same numbers of threads and processes, the weights are bit-identical with and
     without interruptions.
 
     Raises:
-        RunConflictError: If the folder contains another training, or another process writes to it.
+        RunConflictError: If the folder contains another training run, or another process writes to it.
         TrainingError: If the loss is not finite. The saved state is kept.
         InvalidInputError: If the saved state is damaged, or the device cannot be used.
         StorageError: If the disk is full, or the folder was removed or renamed during the training. The saved state is
@@ -172,7 +172,7 @@ def require_place(out: Path, device: str) -> None:
 
 
 class _Training:
-    """Training in progress, with its network, optimizer, data and logs."""
+    """Training run in progress, with its network, optimizer, data and logs."""
 
     def __init__(
         self,
@@ -268,7 +268,11 @@ class _Training:
         for name, weight in self._trained.items():
             where = f"learner {recipe.family!r}"
             if weight.grad is None:
-                raise InvalidInputError(where, f"the loss does not depend on the weights {name}", "Use or remove them")
+                raise InvalidInputError(
+                    where,
+                    f"the loss does not depend on the weights {name}",
+                    "Use these weights in the loss, or remove them",
+                )
             if weight.grad.is_sparse:
                 raise InvalidInputError(where, f"the gradient of {name} is sparse", "Use layers with dense gradients")
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
@@ -295,7 +299,9 @@ class _Training:
             )
         new = sorted(self._network.state_dict().keys() ^ self._mean.keys())
         if new:
-            raise InvalidInputError(where, f"{new[0]} was created after build", "Create all modules in build")
+            raise InvalidInputError(
+                where, f"{new[0]} was created after build", "Create all modules in the method build"
+            )
 
     def _rate(self, step: int) -> float:
         """Return the learning rate at a step. The first step has the index 0."""
@@ -353,11 +359,11 @@ class _Training:
         write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
-        """Restore the saved state. Raises InvalidInputError if it belongs to another training."""
+        """Restore the saved state. Raises InvalidInputError if the state belongs to another training run."""
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
-            raise InvalidInputError(str(path), "the saved state belongs to another training", _STATE_CURE)
+            raise InvalidInputError(str(path), "the saved state belongs to another training run", _STATE_CURE)
         state = read_form(_STATE, about, where=str(path), cure=_STATE_CURE)
         if state.step > self._recipe.steps:
             raise InvalidInputError(
@@ -423,9 +429,9 @@ def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None
 
 
 def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
-    """Write the settings of the training into the folder.
+    """Write the settings of the training run into its folder.
 
-    Raises RunConflictError if the folder has different settings.
+    Raises RunConflictError if the folder contains different settings.
     """
     path = out / _RECIPE_NAME
     if path.exists():
@@ -464,7 +470,7 @@ def _require_device(device: str) -> None:
 
 @contextlib.contextmanager
 def _deterministic(threads: int) -> Iterator[None]:
-    """Run the block with a fixed number of threads, and restore torch's random state after it."""
+    """Context manager that fixes the number of threads, and restores torch's random state at the end."""
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -476,7 +482,10 @@ def _deterministic(threads: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
-    """Connect the processes of a distributed training while the block runs. Do nothing if there is a single process."""
+    """Context manager that connects the processes of a distributed training run.
+
+    It does nothing if there is one process.
+    """
     if world.size == 1:
         yield
         return

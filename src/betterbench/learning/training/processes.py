@@ -1,4 +1,4 @@
-"""Processes of a distributed training that was started with torch's launcher ``torchrun``."""
+"""Processes of a distributed training run that was started with torch's launcher ``torchrun``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _CURE = "Start the command with torchrun, or unset these variables"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """Position of this process in a distributed training.
+    """Position of this process in a distributed training run.
 
     Attributes:
         rank: Index of this process among all processes.

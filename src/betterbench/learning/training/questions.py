@@ -60,7 +60,7 @@ class AskedQuestions:
     """Questions about the demonstrations of a recipe, in the order of the demonstrations.
 
     Attributes:
-        questions: Index of the demonstration, and the question.
+        questions: Each question, together with the index of the demonstration that it is about.
         sha256: Hashes of the question sets.
     """
 

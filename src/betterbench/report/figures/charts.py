@@ -91,7 +91,7 @@ def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of how trials ended, in training, over all variations and by axis."""
+    """Return the chart of trial outcomes: in training, over all variations, and by axis."""
     scopes: list[tuple[str, Keep]] = [
         ("Training", lambda t: t.variation is None),
         ("All variations", lambda t: t.variation is not None),
@@ -140,7 +140,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of distractor grasp rates, in training, over all variations and by axis."""
+    """Return the chart of distractor grasp rates: in training, over all variations, and by axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in (("training", "Training"), *_scopes()):

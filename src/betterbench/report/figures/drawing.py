@@ -206,7 +206,7 @@ def _margins(chart: Chart) -> tuple[float, float]:
 
 
 class _Pen:
-    """Draws the parts of a chart from top to bottom."""
+    """Pen that draws the parts of a chart from top to bottom."""
 
     def __init__(self, name: str, width: int, *, narrow: bool) -> None:
         self.name = name

@@ -91,7 +91,7 @@ def _by_task(names: Sequence[str]) -> str:
 
 
 def _tasks(names: Iterable[str]) -> set[str]:
-    """Return the tasks to which conditions belong, from their names ("fast_food/T1")."""
+    """Return the tasks of conditions that are given by name ("fast_food/T1")."""
     return {name.partition("/")[0] for name in names}
 
 
