@@ -146,7 +146,7 @@ def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
 
 
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
-    """Compare the origin stored in a data set with the records and the layout.
+    """Check that the description of a data set's origin agrees with the records and the layout.
 
     The omitted trials, the package version, the evaluation command, the digest of the options and the file sizes are
     not checked, because they cannot be derived from the records. The digests of the files are checked separately.

@@ -64,7 +64,7 @@ def shown_images(
     pictures: Iterator[Mapping[str, np.ndarray]],
     rows: Collection[int] | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Convert camera images to the images that the policy receives, and yield them by column for each frame.
+    """Convert camera images to the images that the policy receives, and yield the images of each frame by column name.
 
     Args:
         record: Record of the episode.
@@ -82,8 +82,8 @@ def shown_images(
 def active_subgoals(record: Record) -> tuple[str, ...]:
     """Return the current subgoal of each frame in words ("pack burger"), or :data:`DONE` after the last subgoal.
 
-    The segments are taken from the record, or computed from its states. Raises UnknownNameError if the record has no
-    segments and its task or condition is unknown.
+    The subgoal segments are taken from the record or, if it contains none, computed from its states. Raises
+    UnknownNameError if they must be computed, but the task or the condition is unknown.
     """
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)

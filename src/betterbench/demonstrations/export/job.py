@@ -72,7 +72,8 @@ class ExportPlan:
         validation: Fraction of the seeds whose demonstrations are held out for validation.
         language: Whether to write LeRobot's language columns, which LeRobot reads from version 0.6 on.
         questions: Folder of a set of questions about the frames; None to export no questions.
-        overwrite: Whether to replace another data set of betterbench. For robomimic, any other file is replaced too.
+        overwrite: Whether to replace another data set of betterbench at the output path. If the output is a robomimic
+            file, any other file at this path is replaced too.
     """
 
     runs: Sequence[RunFolder]

@@ -86,7 +86,7 @@ class DatasetLayout:
     Attributes:
         adapter: Adapter that computes the columns.
         observation: Observation preset with which the policy is evaluated (``better eval --observation``).
-        copies: Image columns that repeat another column: name of the copy, and name of the original.
+        copies: Image columns that repeat another column, each as the name of the copy and the name of the original.
         robot: Name of the robot.
     """
 

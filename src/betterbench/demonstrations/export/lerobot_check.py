@@ -96,11 +96,11 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the entry in ``meta`` that describes an episode."""
+        """Compare the entry in ``meta`` that describes an episode with the expected entry."""
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare the files in ``meta`` that describe the data set as a whole."""
+        """Compare the files in ``meta`` that describe the data set as a whole with their expected content."""
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
@@ -140,10 +140,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Check of a data set of version 3.0.
-
-    ``meta/episodes`` contains the location of each episode, and trainers count rows over all files.
-    """
+    """Check of a data set of version 3.0, in which ``meta/episodes`` states the file that contains each episode."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -153,7 +150,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the row of an episode in ``meta/episodes``: locations, times and statistics."""
+        """Compare the row of an episode in ``meta/episodes`` with the expected row: locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))
@@ -182,7 +179,7 @@ class CheckOfV30(LeRobotCheck):
         return file
 
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare instructions, subgoals, statistics and ``info.json``."""
+        """Compare instructions, subgoals, statistics and ``info.json`` with the expected content."""
         for file, wanted in lerobot.index_tables(dataset).items():
             with intact(str(self.path / file)):
                 require_match(_index_form(_parquet(self.path / file)), _index_form(wanted), str(self.path / file))
@@ -214,7 +211,7 @@ class CheckOfV21(LeRobotCheck):
         self._stats = _lines(path / lerobot_v21.EPISODES_STATS_FILE)
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the lines in ``meta`` that describe an episode."""
+        """Compare the lines in ``meta`` that describe an episode with the expected lines."""
         line = lerobot_v21.episode_line(self.expected.dataset, number)
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
@@ -224,7 +221,11 @@ class CheckOfV21(LeRobotCheck):
         require_match(self._stats[number], stats, f"{file}: line {number + 1}")
 
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare instructions, subgoals, statistics, GR00T's ``modality.json`` and ``info.json``."""
+        """Compare the files in ``meta`` that describe the data set as a whole with their expected content.
+
+        They contain instructions, subgoals and statistics. ``info.json`` and GR00T's ``modality.json`` are also
+        compared.
+        """
         if len(self._stats) != len(self.listed):
             problem = f"it lists {len(self._stats)} episodes, but there are {len(self.listed)}"
             raise InvalidInputError(str(self.path / lerobot_v21.EPISODES_STATS_FILE), problem, CURE)
@@ -264,7 +265,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
 
 
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
-    """Compare the frames of an episode. For images, only the file names are compared."""
+    """Compare the frames of an episode with the expected frames. For images, only the file names are compared."""
     if len(table) != len(wanted):
         raise InvalidInputError(where, f"it has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:

@@ -103,7 +103,8 @@ class _Candidate:
     Attributes:
         source: The skill in the source demonstration.
         moved: The same skill in this scene.
-        change: Difference between the transit to this skill and the transit in the source demonstration.
+        change: Variation of the transit, i.e. of the motion that leads to this skill, compared with the source
+            demonstration.
         hand: State of the gripper during the transit.
         touched: Objects that the robot may touch during the skill.
     """

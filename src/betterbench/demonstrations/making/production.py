@@ -458,7 +458,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return, for each planned initial state, a list of the state followed by its replacements."""
+    """Return one list for each planned initial state. It contains the initial state, followed by its replacements."""
     chains = []
     for start in wanted:
         chain = [start]

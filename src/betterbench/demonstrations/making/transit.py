@@ -38,7 +38,9 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Transfer the transit to the step ``begin`` of a skill to other end points. Return one pose per control step.
+    """Transfer the transit that leads to the step ``begin`` of a skill, so that it begins and ends at other poses.
+
+    Return one pose per control step.
 
     Seen from above, the transit is rotated and stretched along the line between its end points. Otherwise, its sideways
     offset from this line and its height stay the same, except for the requested variation.

@@ -318,7 +318,7 @@ def _rounded(value: float) -> float:
 
 
 def _apart(paths: npt.NDArray[np.float64]) -> float:
-    """Return the mean distance between two paths, averaged over all pairs.
+    """Return the mean distance between paths, averaged over all pairs of paths.
 
     ``paths`` has the shape (paths, points, 3).
     """
@@ -327,7 +327,7 @@ def _apart(paths: npt.NDArray[np.float64]) -> float:
 
 
 def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
-    """Return the mean angle between two unit vectors, averaged over all pairs [deg].
+    """Return the angle between unit vectors, averaged over all pairs of vectors [deg].
 
     ``vectors`` has the shape (n, 3).
     """
@@ -336,7 +336,7 @@ def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
 
 
 def _turn_apart(quaternions: npt.NDArray[np.float64]) -> float:
-    """Return the mean rotation between two quaternions (n, 4), averaged over all pairs [deg]."""
+    """Return the rotation between orientations, averaged over all pairs of quaternions (n, 4) [deg]."""
     turns = np.degrees(2.0 * np.arccos(np.clip(np.abs(quaternions @ quaternions.T), 0.0, 1.0)))
     return float(np.triu(turns, 1).sum()) / _pairs(len(quaternions))
 

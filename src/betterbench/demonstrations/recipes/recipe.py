@@ -107,7 +107,7 @@ class Recipe:
 
         Args:
             name: Name of the field in the framework.
-            what: Value to return.
+            what: Value to return, ``steps`` or ``batch``.
         """
         given = getattr(self.form, what)
         return given_or(name, given, *self.fixed[what])

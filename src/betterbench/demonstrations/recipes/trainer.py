@@ -146,7 +146,7 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Describe a data set, as far as its files are on this machine.
+    """Describe a data set. Values that are read from its files are None if the files are not on this machine.
 
     Args:
         place: Folder of the data set. For other benchmarks, it may also be the name of a data set on the hub.

@@ -50,7 +50,7 @@ def trainer_setup(
     policy: str = "pi05",
     sample_tokens: int = 220,
 ) -> TrainerSetup:
-    """Return the setup for training by a recipe with a framework: files, configuration fields, commands and checks.
+    """Return the setup for training with a framework according to a recipe: files, settings, commands and checks.
 
     Args:
         framework: The framework.

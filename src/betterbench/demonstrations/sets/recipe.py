@@ -80,7 +80,7 @@ class SetRecipe:
             raise InvalidInputError("--tasks", "no task is given", "Name at least one task")
 
     def command(self, sha256: str, *, out: str = "DATASET") -> str:
-        """Return the command that reproduces the training set and compares its hash.
+        """Return the command that reproduces the training set and checks its hash.
 
         Args:
             sha256: Expected hash of the demonstrations.

@@ -109,8 +109,9 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
     Return the p-value of Fisher's exact test.
 
     Args:
-        with_it: Among the episodes with the feature, the number with the outcome and the number of all.
-        without: Among the episodes without the feature, the number with the outcome and the number of all.
+        with_it: Number of episodes with the feature and the outcome, and number of all episodes with the feature.
+        without: Number of episodes with the outcome but without the feature, and number of all episodes without the
+            feature.
         logs: Logarithms of the factorials 0!, 1!, 2!, ...
     """
     (k, n), (k_out, n_out) = with_it, without

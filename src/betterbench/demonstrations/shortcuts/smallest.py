@@ -359,7 +359,7 @@ def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
 def shares_line(rules: Iterable[SmallestRule]) -> str:
     """List the questions on one line, grouped by their smallest rule.
 
-    Questions for which no rule can be found come first.
+    Questions for which the audit could not have found any rule come first.
     """
     groups: dict[float | None, list[str]] = {}
     for rule in rules:

@@ -33,7 +33,8 @@ class DoseFinding:
         dose: Fraction of the demonstrations that have the confounds.
         arm: Name of the arm.
         task: Task name; "" for all tasks.
-        failure: Failure rate on the variations for which the shortcut audit predicts one of :data:`CROSSED`.
+        failure: Failure rate on the variations for which the shortcut audit predicts one of the labels in
+            :data:`CROSSED`.
         predicted: Fraction of the reasoning failures on these variations that have the predicted label.
         exposed: Fraction of the same failures that have a label listed on the variation's task card.
     """

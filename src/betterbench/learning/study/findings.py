@@ -99,8 +99,8 @@ class KnownFinding:
 
     Attributes:
         variations: Number of these variations.
-        balanced: Success rate of the balanced learners on them.
-        contrast: Comparison of the balanced with the confounded learners on them.
+        balanced: Success rate of the balanced learners on these variations.
+        contrast: Comparison of the balanced learners with the confounded learners on these variations.
     """
 
     variations: int
@@ -137,7 +137,7 @@ class WordFinding:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFinding:
-    """Accuracy of the audit's prediction, made before training, of the failures of the confounded learners.
+    """Accuracy with which the audit predicted the failures of the confounded learners before they were trained.
 
     Attributes:
         area: Probability that a failed variation had a higher predicted risk than a solved one (AUROC). ``n`` is the

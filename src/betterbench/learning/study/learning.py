@@ -46,14 +46,14 @@ class TrainedPolicy:
     quality: str = "fast"
 
     def require(self) -> None:
-        """Raise RecordError if the checkpoint has changed since the training."""
+        """Raise RecordError if the checkpoint has changed since the learner was trained."""
         require_weights(checkpoint_of(LEARNED.parse(self.address)), self.digest)
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
         """Return the policy that was trained by a recipe.
 
-        It is evaluated with the camera views that it was trained with.
+        The policy is evaluated with the camera views with which it was trained.
         """
         if recipe.sees != "pixels":
             return cls(address, digest)

@@ -71,7 +71,7 @@ class Expectation:
     Attributes:
         expected: The expectation, as a sentence.
         found: The result, as a text.
-        held: Whether the expectation was met; None if this is open or was not measured.
+        held: Whether the expectation was met; None if the result is inconclusive or was not measured.
     """
 
     expected: str

@@ -85,12 +85,12 @@ class TrainingSet:
     questions: TrainingQuestions | None = None
 
     def frames(self, *, held_out: bool) -> np.ndarray:
-        """Return the indices of the frames in the training or in the held-out demonstrations, int64."""
+        """Return the indices (int64) of the frames in the training demonstrations or in the held-out demonstrations."""
         found = self.held_out[self.episodes] == held_out
         return np.flatnonzero(found if self.shown is None else found & self.shown)
 
     def asked(self, *, held_out: bool) -> np.ndarray:
-        """Return the indices of the questions about the training or the held-out demonstrations, int64."""
+        """Return the indices (int64) of the questions about the training demonstrations or about the held-out ones."""
         if self.questions is None:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(self.held_out[self.questions.episodes] == held_out)
@@ -381,7 +381,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return which frames have a gripper change in their action chunk, as an (n,) bool mask."""
+    """Return an (n,) bool mask of the frames whose action chunk contains a gripper change."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True

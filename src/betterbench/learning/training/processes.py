@@ -28,7 +28,7 @@ class TrainingProcesses:
     def here(cls) -> TrainingProcesses:
         """Read the position of this process from torchrun's environment variables.
 
-        Without them, there is a single process.
+        If the variables are not set, this process is the only one.
 
         Raises:
             InvalidInputError: If the values of the variables are inconsistent.

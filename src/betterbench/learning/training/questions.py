@@ -153,7 +153,7 @@ def _checked(made: QuestionSet) -> QuestionSet:
 def _drawn(
     asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
 ) -> tuple[FrameStore, np.ndarray]:
-    """Render the frames that the questions are about. Return them with the index of each question's frame."""
+    """Render the frames that the questions are about. Return the frames, and the index of each question's frame."""
     rows_of = asked.rows(count)
     store = draw(rows_of)
     first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))

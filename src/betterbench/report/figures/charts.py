@@ -37,7 +37,7 @@ def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
 
 
 def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of success on variations and on the training trials with the same seeds, by axis."""
+    """Return a chart of success on variations and on the training trials with the same seeds, grouped by axis."""
     return Chart(
         "axes",
         "Success in training and under each axis of variation",
@@ -48,7 +48,7 @@ def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of success on variations and on the training trials with the same seeds, by task."""
+    """Return a chart of success on variations and on the training trials with the same seeds, grouped by task."""
     names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
     groups = (_pairs(diagnoses, task_title(name), name) for name in names)
     return Chart(

@@ -30,7 +30,7 @@ _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2
 
 
 def film_key(policy: str, trial: str) -> str:
-    """Return the key of a trial's film ("fast_food/T1/3") among the films of several policies."""
+    """Return the key that identifies the film of a trial ("fast_food/T1/3") among the films of several policies."""
     return f"{policy} {trial}"
 
 

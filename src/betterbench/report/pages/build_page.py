@@ -25,7 +25,8 @@ def write_build_page(
         path: File to write.
         settings: Settings of the generation.
         cards: Address of each task's card, relative to the page.
-        power: Power of the variations; None if it was not measured.
+        power: Power matrix, which contains the success rates of reference policies on the variations; None if it was
+            not measured.
     """
     certified = [result for result in built.results if result.certified]
     page = (

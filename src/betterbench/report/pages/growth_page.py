@@ -83,7 +83,8 @@ def write_growth_page(
         path: File to write.
         seeds: Number of certified trials for each variation.
         cards: Address of each task's card, relative to the page.
-        power: Power of the variations; None if it was not measured.
+        power: Power matrix, which contains the success rates of reference policies on the variations; None if it was
+            not measured.
         finished: Whether the growth has ended.
     """
     page = (

@@ -242,7 +242,7 @@ def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
 
 
 def _style_and_script() -> dict[str, str]:
-    """Return the style sheet and the script of the page, and the script's digest for the security policy."""
+    """Return the style sheet and the script of the page, and the script's digest for the content security policy."""
     script = asset("page.js")
     return {
         "style": Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
@@ -279,7 +279,7 @@ def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -
         trial = trials.get((film.policy, film.trial))
         if trial is None:
             problem = f"no trial {film.trial!r} of policy {film.policy!r} in this report"
-            raise InvalidInputError("films", problem, "Pass only films of trials in the diagnoses")
+            raise InvalidInputError("films", problem, "Pass only films of trials that the diagnoses contain")
         if film.frames:
             shown.append(ShownFilm(len(shown), film, trial))
     solved = sorted(shown, key=lambda s: s.trial.kind is Kind.NONE)

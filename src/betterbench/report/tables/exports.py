@@ -16,7 +16,7 @@ from betterbench.report.task_views import task_views
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """Table in its file formats, with its number of rows. ``name`` is the file name without extension."""
+    """Table as CSV and as LaTeX, with its number of rows. ``name`` is the file name without extension."""
 
     name: str
     title: str
@@ -26,7 +26,7 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return all tables of a report in their file formats."""
+    """Return all tables of a report as CSV and LaTeX."""
     exports = []
     for table in paper_tables:
         plain = plain_paper_table(table)
