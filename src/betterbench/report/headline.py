@@ -267,8 +267,8 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
     """Return the main sentence of the conclusion, the color family of the failure, and the statistical basis.
 
     Evidence that the policy does not use the instruction takes precedence over the failures in variations, unless a
-    habit explains the wrong first attempts in the whole run. If only a few variations were run, a habit can look as if
-    the policy chose without the instruction.
+    habit explains the wrong first attempts in the whole run. If only a few variations were run, a policy with a habit
+    can seem to ignore the instruction.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]

@@ -74,7 +74,7 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Smallest number of digits with which the two rates, as printed, differ by exactly the difference as printed.
+        """Smallest number of decimal places at which the printed difference agrees with the two printed rates.
 
         It is 0 for a number that is not a difference.
         """

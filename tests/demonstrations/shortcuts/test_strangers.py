@@ -282,7 +282,7 @@ def test_a_file_that_holds_more_than_is_read_is_one_clear_line(tmp_path):
     [
         ('{"task_index": 0, "task": "a"} nonsense', "cannot be read"),
         ('{"task_index": 0, "task": ' + "[" * 100_000, "nested too deep"),
-        ('[{"task_index": 0, "task": "a"}, 3]', "values other than objects"),
+        ('[{"task_index": 0, "task": "a"}, 3]', "JSON values that are not objects"),
         ('{"task_index": 0, "task": "a"}\n{"task_index": 0, "task": "b"}', "occurs twice with different texts"),
         ('{"task_index": 0, "category": "a"}', "there is no column named task; candidates are category"),
     ],

@@ -17,7 +17,7 @@ from betterbench.json_form import parse_json
 ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
 """Function that takes the name of an image column and some rows of an episode, and returns the image of each row."""
 
-CURE = "Export it again into another folder"
+CURE = "Export the data set again into another folder"
 
 LEVEL = "a number from 0 to 1"
 """Placeholder for the expected value of an image statistic, since image statistics are not computed again."""

@@ -164,8 +164,10 @@ class PartIndex:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if a file name contains a folder, or the metadata are incomplete."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
-            raise InvalidInputError("files", "these are not the file names of an exported episode", "Export it again")
-        read_form(_ABOUT, self.about, where="about", cure="Export the part again")
+            raise InvalidInputError(
+                "files", "these are not the file names of an exported episode", "Export the episode again"
+            )
+        read_form(_ABOUT, self.about, where="about", cure="Export the episode again")
 
 
 _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
@@ -173,7 +175,7 @@ _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 def read_index(folder: Path) -> PartIndex | None:
     """Read the index of an exported episode. Return None if the episode is incomplete or damaged."""
-    file, cure = folder / _INDEX, "Export the part again"
+    file, cure = folder / _INDEX, "Export the episode again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
         index = read_form(_PART, open_seal(raw, where=str(file), cure=cure), where=str(file), cure=cure)

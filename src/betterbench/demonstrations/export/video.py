@@ -134,4 +134,4 @@ def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple
                     yield number, frame.to_ndarray(format="rgb24")
     except (av.FFmpegError, OSError, ValueError, IndexError, TypeError) as error:
         said = " ".join(str(getattr(error, "strerror", None) or error).split())
-        raise InvalidInputError(name, f"the video cannot be read ({said})", "Export it again") from error
+        raise InvalidInputError(name, f"the video cannot be read ({said})", "Export the data set again") from error

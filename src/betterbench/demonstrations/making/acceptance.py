@@ -50,7 +50,10 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Number of factor levels with a demonstration, divided by the largest number that could have one."""
+        """Number of covered factor levels, divided by the largest number that could be covered.
+
+        A level is covered if it has a demonstration.
+        """
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 

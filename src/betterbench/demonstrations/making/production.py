@@ -365,7 +365,9 @@ def amplify(
     known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
-        raise InvalidInputError(str(sources), "it contains no demonstrations", "Collect some with better collect")
+        raise InvalidInputError(
+            str(sources), "it contains no demonstrations", "Collect demonstrations with better collect"
+        )
     regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:
         _check_sources(run, in_regime(get_task(name), regime))
@@ -383,9 +385,9 @@ def _check_sources(run: RunFolder, task: Task) -> None:
     for condition in task.training:
         if not library.of_condition(condition.name):
             chosen = f"{options_for([task.id])} --tasks {task.id}"
-            cure = f"Collect some: better collect{chosen} --out RUN"
+            cure = f"Collect demonstrations: better collect{chosen} --out RUN"
             if run.plan["policy"] == TELEOPERATED:
-                cure = f"Demonstrate it too: better teleop{chosen} --out {shell_word(run.path)}"
+                cure = f"Demonstrate this condition too: better teleop{chosen} --out {shell_word(run.path)}"
             raise InvalidInputError(str(run.path), f"it contains no demonstration of {condition.id}", cure)
 
 

@@ -166,7 +166,7 @@ def load_library(run: RunFolder, task: str) -> Library:
         if record.outcome.success:
             found.append(demonstrated_source(record))
     if not found:
-        cure = f"Collect some: better collect{options_for([task])} --tasks {task} --out RUN"
+        cure = f"Collect demonstrations: better collect{options_for([task])} --tasks {task} --out RUN"
         raise InvalidInputError(str(run.path), f"it contains no successful demonstration of {task}", cure)
     return Library(sorted(found, key=lambda s: s.trial))
 

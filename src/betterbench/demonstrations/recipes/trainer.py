@@ -206,7 +206,7 @@ def recorded_data(folder: Path) -> TrainingData:
     if info.codebase_version != "v3.0":
         found = one_line(info.codebase_version, most=80)
         raise InvalidInputError(
-            place, f"its format is LeRobot {found}, expected v3.0", "Convert it with LeRobot's conversion script"
+            place, f"its format is LeRobot {found}, expected v3.0", "Convert the data with LeRobot's conversion script"
         )
     for column in ("observation.state", "action"):
         names = info.features[column].names if column in info.features else None

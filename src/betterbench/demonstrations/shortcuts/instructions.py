@@ -72,6 +72,8 @@ def whole_test(
 def share_told(joint: _Ints) -> _Floats:
     """Return the fraction of wrong guesses that are avoided if the outcome is guessed from the category.
 
+    A category consists of demonstrations with the same text, such as the same complete instruction.
+
     The comparison is with always guessing the most frequent outcome. The outcome of each demonstration is guessed from
     the other demonstrations of its category (leave-one-out). Ties count as half right.
 

@@ -190,7 +190,7 @@ def _objects(text: str) -> Iterator[dict[str, Any]]:
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
         if not all(isinstance(form, dict) for form in found):
-            raise ValueError("it contains values other than objects")
+            raise ValueError("it contains JSON values that are not objects")
         yield from found
         return
     while True:
@@ -203,7 +203,7 @@ def _objects(text: str) -> Iterator[dict[str, Any]]:
         except RecursionError as error:
             raise ValueError("it is nested too deep") from error
         if not isinstance(form, dict):
-            raise TypeError("it contains values other than objects")
+            raise TypeError("it contains JSON values that are not objects")
         yield form
 
 

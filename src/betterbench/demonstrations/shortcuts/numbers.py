@@ -201,7 +201,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each component according to its names from one source.
+    """Return the kind of each component, as implied by the component names that come from one file.
 
     Args:
         numbers: Components of a column.

@@ -104,12 +104,14 @@ def facts_of_run(
         shown = conditions_shown(record, candidates)
         if not shown:
             where = run.record_path(trial.task, trial.condition, trial.seed)
-            raise RecordError(f"{where}: it matches no condition of {trial.task}. Record it again with this version.")
+            raise RecordError(
+                f"{where}: it matches no condition of {trial.task}. Record the trial again with this version."
+            )
         yield trial, facts_of_record(record, shown[0])
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Describe the data of a run that an audit read."""
+    """Describe the data that an audit read from a run."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

@@ -105,7 +105,7 @@ class Page:
     def view_yaw(self) -> float:
         """Viewing direction on the page that controls the robot, seen from above [rad].
 
-        0 points away from the robot's base.
+        The value is 0 if the view is directed away from the robot's base.
         """
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:

@@ -146,7 +146,7 @@ class StudyPlan:
                 )
             if len(shares) > self.demos:
                 problem = f"{self.demos} demonstrations are too few for {len(shares)} training distributions"
-                raise InvalidInputError(f"arms.{arm}", problem, "Increase demos")
+                raise InvalidInputError(f"arms.{arm}", problem, "Increase the field demos")
         self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0]), ("data",))
         for i, lever in enumerate(self.levers):
             _require_known(f"levers[{i}].arms", lever.arms, self.arms)
@@ -302,7 +302,7 @@ class StudyPlan:
         where = "recipe" if lever is None else f"lever {lever.name}"
         for name in OWN_FIELDS:
             if name in given:
-                raise InvalidInputError(f"{where}.{name}", "this field is set by the study", "Leave it out")
+                raise InvalidInputError(f"{where}.{name}", "this field is set by the study", "Leave out this field")
         begins = lever is not None and lever.start is not None
         if "frozen" in given and not begins:
             problem = "weights that were never trained would be frozen"

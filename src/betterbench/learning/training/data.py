@@ -250,7 +250,7 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
     if space != EE_DELTA.name:
         where = f"{run}: {trial}"
         problem = f"its action space is {space!r}, but training needs {EE_DELTA.name!r}"
-        raise InvalidInputError(where, problem, f"Record it with --action-space {EE_DELTA.name}")
+        raise InvalidInputError(where, problem, f"Record the demonstrations with --action-space {EE_DELTA.name}")
     meant = actions_in(record, EE_DELTA)
     meant[:, -1] = np.sign(commands(meant[:, -1]))
     return meant

@@ -112,7 +112,7 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 
     for folder in sorted({file.parent for file in missing}):
         with job_folder(folder, waits=TrainingProcesses.here().size > 1):
-            # Another process of the same training may have rendered files while this process waited for the lock.
+            # Another process of the same training run may have rendered files while this process waited for the lock.
             inside = [file for file in missing if file.parent == folder]
             waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
             yield from range(len(inside) - len(waiting))

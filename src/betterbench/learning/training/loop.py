@@ -63,7 +63,7 @@ _CURES = {
     "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedy for each setting, other than recipe and data, that has changed when a training is resumed."""
+"""Remedy for each setting, other than recipe and data, that has changed when a training run is resumed."""
 _PATIENCE = timedelta(hours=6)
 """Maximum time that the other processes wait for the first process while it validates and writes files."""
 

@@ -27,7 +27,7 @@ def _require(options: ModelOptions) -> None:
     for option, is_given in given.items():
         if is_given:
             raise InvalidInputError(
-                option, "this option does not apply to a learner, since it receives no images", "Leave it out"
+                option, "this option does not apply to a learner, since it receives no images", "Leave out this option"
             )
 
 

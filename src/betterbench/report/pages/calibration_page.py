@@ -117,7 +117,10 @@ def confusion_figure(calibration: Calibration) -> Figure:
 
 
 def calibration_markdown(calibration: Calibration, family: str = "faulty") -> str:
-    """Return the tables of a calibration as Markdown. The family of the policies determines the rows."""
+    """Return the tables of a calibration as Markdown.
+
+    The rows are faulty policies or, for the independent family, habits.
+    """
     lines = [
         calibration_summary(calibration),
         "",
