@@ -35,7 +35,7 @@ def asset(name: str) -> str:
 
 
 def _bounded(value: object) -> object:
-    """Shorten a long text from an untrusted source. A page may repeat the text many times."""
+    """Shorten a long text from an untrusted source, since a page may repeat the text many times."""
     return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 

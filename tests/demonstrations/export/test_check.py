@@ -217,7 +217,7 @@ FIELDS = {
         (fields(INFO, lambda f: f["features"].pop("action")), r"features\.action is absent, expected "),
         (fields(INFO, lambda f: f.update(data_path="x")), 'meta/info.json: data_path is "x", expected "data/'),
         (fields(INFO, lambda f: f.update(video_path=None)), "video_path is null, expected "),
-        (fields(INFO, lambda f: f.update(fps=20.0)), "fps is 20.0, expected 20. Export the data set again into another"),
+        (fields(INFO, lambda f: f.update(fps=20.0)), "fps is 20.0, expected 20. Export the data set again"),
         (fields(INFO, lambda f: f.update(total_frames=1)), "total_frames is 1, expected 18"),
         (fields(INFO, lambda f: f.update(total_tasks=99)), "total_tasks is 99, expected 2"),
         (fields(INFO, lambda f: f.update(chunks_size=1)), "chunks_size is 1, expected 1000"),

@@ -60,7 +60,7 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare an episode with the episode that was last added to the expected content.
+        """Compare an episode with the expected episode, which must be the one that was added last.
 
         Return a reader for its images.
         """

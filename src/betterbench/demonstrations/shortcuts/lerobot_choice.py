@@ -217,7 +217,8 @@ def _span(count: int) -> str:
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
     """Choose the position components of each arm.
 
-    If the user gives none, the position of the end effector is used, or else the joint angles.
+    If the user does not specify them, the position of the end effector is used. If the data set does not contain this
+    position, the joint angles are used.
 
     Raises:
         InvalidInputError: If an arm has no position components, or more than one set of them.

@@ -132,7 +132,7 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return the largest number of permutations that may exceed the data for the test to be still significant.
+    """Return the largest number of permutations that may exceed the data in a significant test.
 
     A permutation exceeds the data if it has at least as much mutual information. The result is negative if no test can
     be significant, because the smallest possible p-value times ``tests`` exceeds the level.

@@ -81,7 +81,7 @@ def _matching(
 ) -> Iterator[tuple[TrialOutcome, str, frozenset[str]]]:
     """Yield the trials of variations that break a planted confound.
 
-    Each trial has the label that the audit predicts and the labels on the task card.
+    Each trial is yielded with the label that the audit predicts and with the labels on the task card.
     """
     for forecast in () if prediction is None else prediction.variations:
         if forecast.risk > 0.0 and forecast.label in CROSSED:

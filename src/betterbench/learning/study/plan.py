@@ -325,7 +325,7 @@ class StudyPlan:
 
 
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return the field ``co_training`` of the recipe, with the question sets that the study makes filled in."""
+    """Return the recipe's field ``co_training`` with the addition of the question sets that the study makes."""
     if not isinstance(given, dict):
         raise InvalidInputError(where, "this is not a mapping", "Write {weight: 0.25}, or leave out the field")
     if "sets" in given:
