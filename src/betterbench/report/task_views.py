@@ -1,4 +1,4 @@
-"""Part of the report for each task: the results of every policy, findings and films."""
+"""Report section about each task: the results of every policy, findings and films."""
 
 from __future__ import annotations
 

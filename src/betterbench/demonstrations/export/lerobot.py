@@ -97,8 +97,8 @@ def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.
 def counters(dataset: Dataset, number: int, part: Part, *, first: int) -> dict[str, np.ndarray]:
     """Return the time and index columns of an episode.
 
-    For each frame, they contain the time [s] and the indices of the frame in the episode, of the episode, of the frame
-    in the data set, of the instruction and of the subgoal.
+    The columns are ``timestamp`` [s], ``frame_index`` (in the episode), ``episode_index``, ``index`` (in the data set),
+    ``task_index`` (of the instruction) and the index of the subgoal.
     """
     rows, subgoals = len(part), {name: i for i, name in enumerate(dataset.subgoals)}
     task = dataset.instructions.index(str(dataset.episodes[number].about["instruction"]))

@@ -34,14 +34,14 @@ class Pictures:
         self.close()
 
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the images of each row by camera, (height, width, 3) uint8.
+        """Yield, for each row of a record, the images by camera name, (height, width, 3) uint8.
 
         Consume the iterator completely, or close the renderer.
 
         Args:
             run: Run that contains the record.
             record: Record of the episode.
-            rows: Rows to render; None for every row in which an action was taken.
+            rows: Rows of the record to render; None for every row in which an action was taken.
 
         Raises:
             RecordError: If the stored scene is missing or unreadable, or belongs to another record.

@@ -77,7 +77,10 @@ class CarriedOver:
         return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
 
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
-        """Return poses at some of the steps ``begin`` to ``end``, including both, at which to check for collisions."""
+        """Return the poses at which to check the steps ``begin`` to ``end`` for collisions.
+
+        The poses at both of these steps are included.
+        """
         found = [self.targets[begin]]
         for pose in self.targets[begin + 1 : end]:
             far = distance(pose.position, found[-1].position) >= CHECKED_EVERY_M

@@ -82,7 +82,7 @@ def make_dataset(
 ) -> MadeDataset:
     """Make the training set that a recipe describes.
 
-    If this is interrupted, calling the function again resumes it and gives the same bytes.
+    If an earlier call was interrupted, calling the function again resumes its work and gives the same bytes.
 
     Args:
         recipe: Recipe of the set.

@@ -578,7 +578,7 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return a mask of the tables that contain a certain rule, as defined by :func:`_certain`.
+    """Return a mask of the tables with a value that determines the other variable, as defined by :func:`_certain`.
 
     Args:
         joint: (tables, nx, ny) joint counts of the two variables' values.

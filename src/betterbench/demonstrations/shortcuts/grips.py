@@ -132,7 +132,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
 
     The closed end is inferred from the gripper's name ("width", "closed") and from values that look like widths in
     meters. If neither of them tells, it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed, 100 open)
-    and from the values with which the episodes begin. Two sources of the same kind must agree.
+    and from the values with which the episodes begin. If both sources of such a pair give an answer, they must agree.
 
     Args:
         grip: The gripper.

@@ -85,7 +85,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
     """Return whether a word in one list contains, or is contained in, a word in the other list.
 
-    Such words are runs of characters in a script without spaces.
+    The words are runs of characters in a script without spaces.
     """
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])

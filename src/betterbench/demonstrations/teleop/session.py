@@ -243,7 +243,7 @@ class TeleopSession:
             self.scene.restore(here)
 
     def _speed(self) -> float:
-        """Return the 90th percentile of the tool's speed while it moves, relative to the expert's free motions."""
+        """Return the 90th percentile of the moving tool's speed, as a fraction of the expert's speed in free motion."""
         at = np.array([row.state.ee_pose.position for row in self._rows])
         speeds = np.linalg.norm(np.diff(at, axis=0), axis=1) / self._period_s
         moving = speeds[speeds > RESTING_M_S]

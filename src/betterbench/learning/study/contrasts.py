@@ -163,7 +163,10 @@ def _mean_success(learner: LearnerOutcome) -> float:
 
 
 def _mean_gap(learner: LearnerOutcome) -> float | None:
-    """Return the illusion gap of one learner without an interval. Return None if the learner has no pairs of trials."""
+    """Return the illusion gap of one learner, without an interval.
+
+    Return None if the learner has no pairs of trials.
+    """
     pairs = learner.pairs()
     return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
 

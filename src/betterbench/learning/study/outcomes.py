@@ -38,7 +38,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """Training condition and seed. A variation trial and its training trial have the same values."""
+        """Training condition and seed, which a variation trial shares with its training trial."""
         return self.condition, self.seed
 
 

@@ -267,7 +267,7 @@ class StudyPlan:
     def dose_of(self, arm: str) -> float:
         """Return the fraction of an arm's demonstrations that have confounds.
 
-        It is computed after rounding to whole numbers.
+        The numbers of demonstrations are rounded to integers before the fraction is computed.
         """
         return self.sets_of(arm).get("training", 0) / self.demos
 

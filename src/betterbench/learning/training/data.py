@@ -391,8 +391,8 @@ def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
 def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
     """Return the mean and the scale of tool poses, object positions and actions over the training frames, float32.
 
-    For actions, they map the 1st and 99th percentiles to -1 and 1. The scales have lower limits, so that values that
-    are nearly constant are not amplified.
+    For actions, the mean and the scale map the 1st and 99th percentiles to -1 and 1. The scales have lower limits, so
+    that values that are nearly constant are not amplified.
     """
     frames = data.frames(held_out=False)
     tools, actions = data.tools[frames].astype(np.float64), data.actions[frames].astype(np.float64)

@@ -1,9 +1,9 @@
 """Questions about the frames of demonstrations, which a policy learns to answer in addition to acting (co-training).
 
 The policy chooses among all answers that occur in its training questions. The image is divided into a grid of 8 x 8
-cells. A box or a point as an answer is represented by the cell that contains its center. The baselines of the question
-sets use the same cells. The policy receives the same input as when it acts in the recorded state, except that the
-question replaces the instruction.
+cells. An answer that is a box or a point is represented by the cell that contains its center. The baselines of the
+question sets use the same cells. The policy receives the same input as when it acts in the recorded state, except that
+the question replaces the instruction.
 """
 
 from __future__ import annotations

@@ -151,7 +151,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Choose the moments of a trial and of its training twin (the training trial with the same seed) to show.
+    """Choose the moments to show of a trial and of its training twin (the training trial with the same seed).
 
     The moments of the trial are around its evidence, and those of the training twin are around the corresponding step
     of the task.

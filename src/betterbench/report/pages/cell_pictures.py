@@ -40,7 +40,7 @@ class CellPicture:
 
 
 def cell_pictures(matrices: Iterable[Matrix], films: Sequence[ShownFilm], media: Media) -> dict[CellName, CellPicture]:
-    """Return a picture for each cell for which there is one.
+    """Return the pictures of the cells. A cell has no picture if there is neither a film nor a scene for it.
 
     A film with the most frequent outcome in the cell is preferred to other films.
     """
