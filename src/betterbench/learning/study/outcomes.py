@@ -72,7 +72,7 @@ _TRIALS = TypeAdapter(tuple[TrialOutcome, ...])
 
 
 def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
-    """Return the outcomes of all counted trials in a diagnosed run."""
+    """Return the outcomes of all trials in a diagnosed run, except for ambiguous trials."""
     return tuple(
         TrialOutcome(
             t.variation,
