@@ -345,7 +345,7 @@ def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table of texts and their indices.
+    """Return a table of the given texts and their indices.
 
     The texts form the pandas index of the table, as in LeRobot's files.
     """
