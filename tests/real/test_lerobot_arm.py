@@ -188,7 +188,9 @@ def test_a_request_that_is_lost_while_connecting_is_repeated(lerobot, monkeypatc
 
 def test_an_arm_that_is_not_calibrated_is_not_switched_on(lerobot, monkeypatch):
     monkeypatch.setattr(Bus, "read_calibration", lambda _: dict.fromkeys(MOTORS, MOTOR) | {"gripper": OTHER})
-    with pytest.raises(RobotError, match=r"gripper of this arm and /calibrations/mine.json differ.*lerobot-calibrate"):
+    with pytest.raises(
+        RobotError, match=r"the motors gripper have other values than /calibrations/mine.json.*lerobot-calibrate"
+    ):
         arm_of().connect()
     assert Arm.made.is_closed
     monkeypatch.setattr(Arm, "calibration", property(lambda _: {}, lambda *_: None), raising=False)
@@ -197,7 +199,7 @@ def test_an_arm_that_is_not_calibrated_is_not_switched_on(lerobot, monkeypatch):
     ):
         arm_of().connect()
     monkeypatch.setattr(Arm, "calibration", property(lambda _: {"gripper": EMPTY}, lambda *_: None), raising=False)
-    with pytest.raises(RobotError, match=r"gripper has no range \(7 to 7\)"):
+    with pytest.raises(RobotError, match=r"the range of gripper is empty \(7 to 7\)"):
         arm_of().connect()
 
 
@@ -243,7 +245,7 @@ def test_a_damaged_calibration_file_is_not_a_missing_lerobot(lerobot, monkeypatc
     file.parent.mkdir(parents=True)
     file.write_text("{")
     with pytest.raises(
-        RobotError, match=r"mine.json: not a calibration of lerobot .*Move the file away, then run lerobot"
+        RobotError, match=r"mine.json: not a calibration of lerobot .*Rename or delete the file, then run lerobot"
     ):
         arm_of().connect()
 

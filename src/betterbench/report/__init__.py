@@ -1,8 +1,8 @@
 """Reports: a self-contained page with videos, and tables as CSV and LaTeX.
 
 - ``pages``: the report on runs, and the pages for calibrations, certificates, power and preflight checks.
-- ``headline``, ``claims``, ``outcomes``, ``task_views``: sentences and numbers of the pages.
-- ``figures``, ``tables``: charts, films and tables on pages.
+- ``headline``, ``claims``, ``outcomes``, ``task_views``: the sentences and numbers on the pages.
+- ``figures``, ``tables``: charts, videos and tables on the pages.
 - ``html``, ``templates``: Jinja templates and style sheets.
 """
 

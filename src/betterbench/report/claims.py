@@ -1,4 +1,4 @@
-"""Statistical tests behind the conclusions about a policy, and the trials needed for conclusions that remain open."""
+"""Statistical tests behind the conclusions about a policy, and the trials that would settle open conclusions."""
 
 from __future__ import annotations
 
@@ -18,20 +18,22 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Share of failed trials that a kind of failure must significantly exceed to be a conclusion without an illusion gap.
+"""Fraction of trials that a kind of failure must exceed significantly (exact binomial test) to support a conclusion
+without an illusion gap.
 
-The test is exact binomial. Such conclusions concern training, or variations without training twins.
+Such conclusions are about training, or about variations without training twins (training trials with the same seed).
 """
 
 FEW = 3
 """Minimum number of trials for a conclusion about a policy's habit, about one task (if failures are rare) or about an
-axis."""
+axis.
+"""
 
 MOST_PAIRS = 100
-"""Largest recommended number of pairs per variation."""
+"""Largest number of pairs per variation that is recommended."""
 
 MOST_VARIATIONS = 3
-"""Maximum number of recommended variations."""
+"""Largest number of variations that are recommended."""
 
 _SETTINGS = (
     ("--action-space", "action_space", "ee_delta"),
@@ -39,19 +41,19 @@ _SETTINGS = (
     ("--quality", "render_quality", "standard"),
     ("--looks", "looks", "seen"),
 )
-"""Options of ``better eval``, each with its version field in records and its default value."""
+"""Options of ``better eval``, each with the field of the record that stores it and its default value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """Statistical basis of a conclusion, with its test and the run that would decide it.
+    """Statistical basis of a conclusion: the test, and the trials that would settle the conclusion if it is open.
 
     Attributes:
-        supported: Whether the test is passed; True for a conclusion that only counts outcomes.
+        supported: Whether the conclusion passes its test. Always True for a conclusion that only counts outcomes.
         test: Name of the test in words.
-        p_value: The p-value of that test, or None without a test.
-        deciding: Sentence on the trials needed to decide the conclusion. Empty if nothing is open.
-        command: Command for these trials, if known.
+        p_value: The p-value of the test; None if there is no test.
+        deciding: Sentence about the trials that would settle the conclusion; "" if the conclusion is not open.
+        command: Command that runs these trials; "" if it is not known.
     """
 
     supported: bool
@@ -62,11 +64,11 @@ class Grounds:
 
 
 DESCRIBED = Grounds(True)
-"""Basis of a conclusion that only counts outcomes."""
+"""Basis of a conclusion that only counts outcomes, without a test."""
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
-    """Return the basis of the claim that a policy solves less than half of the training trials."""
+    """Test the claim that a policy solves less than half of its training trials."""
     k, n = training.k or 0, training.n or 0
     p = chance_p(Rate(k, n), chance=0.5)
     test = "training trials solved, against one half (exact binomial)"
@@ -81,12 +83,15 @@ def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = No
 
 
 def _is_below_half(k: int, n: int, more: int) -> bool:
-    """Return whether a rate with this share and number of trials would be significantly below one half."""
+    """Return whether a rate is significantly below one half.
+
+    ``more`` further trials with the same success rate are added to the counts before the test.
+    """
     return n > 0 and chance_p(Rate(k * more // n, more), chance=0.5) <= DEFAULT_ALPHA
 
 
 def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
-    """Return the command that runs a given number of trials in a run's training conditions, with new seeds."""
+    """Return the command that runs about ``trials`` more training trials of a run's first task, with new seeds."""
     task = next((t.task for t in diagnosis.trials if t.variation is None), "")
     conditions = {t.condition for t in diagnosis.trials if t.task == task}
     if not task or not facts_of_task(task).measured:
@@ -96,14 +101,23 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Return the basis of the claim that a run without variations often fails in this way in training."""
+    """Test the claim that one kind of failure is frequent in training, for a run without variations.
+
+    Args:
+        count: Number of training trials with this kind of failure.
+        n: Number of training trials.
+    """
     p = _above(count, n, USUAL_SHARE)
     test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the basis for a run without variations, with the trials needed to judge reasoning and their command."""
+    """Return the basis of a conclusion about a run without variations.
+
+    The trials that would settle open conclusions are the variations of the same tasks, since they show how the policy
+    reasons.
+    """
     text = "To diagnose its reasoning, run the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     if not tasks or not all(facts_of_task(task).measured for task in tasks):
@@ -115,9 +129,14 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
-    """Return the basis of the claim that a failure in some conditions is a habit.
+    """Test the claim that a policy habitually fails in certain conditions.
 
     The p-value is corrected for the number of conditions.
+
+    Args:
+        count: Number of trials with the failure in these conditions.
+        n: Number of all trials in these conditions.
+        conditions: Number of conditions in the run.
     """
     p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
     test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
@@ -125,7 +144,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return the basis of the claim that a run in which all variation trials succeeded shows no failure.
+    """Test the claim that a policy has no failure, for a run in which all variation trials succeeded.
 
     At least six solved trials are needed to rule out a policy that fails half of the variation trials.
     """
@@ -142,17 +161,17 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Return the basis of the claim that the main kind of failure exceeds chance.
+    """Test the claim that the most frequent kind of failure occurs more often than by chance.
 
-    It is supported if variations are solved less often than their twins, by the test of the illusion gap or a verdict
-    of a run until decided. It is also supported if significantly more than :data:`USUAL_SHARE` of the variation trials
-    fail, regardless of training.
+    The claim is supported if variations are solved less often than the training trials with the same seeds, either by
+    the test of the illusion gap or by the verdict of ``better eval --until-decided``. It is also supported if
+    significantly more than :data:`USUAL_SHARE` of the variation trials fail, regardless of training.
 
     Args:
-        diagnosis: The run.
-        gap: Its illusion gap over all variations.
-        count: Variation trials that ended with this failure kind.
-        n: Variation trials that have ended.
+        diagnosis: Diagnosis of the run.
+        gap: Illusion gap of the run over all variations.
+        count: Number of variation trials with this kind of failure.
+        n: Number of variation trials that have ended.
     """
     decided = diagnosis.until_decided
     if decided is not None and decided.decisions.count(Verdict.DROP):
@@ -172,10 +191,10 @@ def _above(count: int, n: int, share: float) -> float:
 
 
 def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
-    """Return a sentence on the pairs needed for a verdict, and the command that runs them with new seeds.
+    """Return a sentence about the pairs of trials that would settle the claim, and the command that runs them.
 
-    The new run must be judged alone. Pooling it with the earlier pairs would bias the result, because their outcome was
-    the reason for the new run.
+    The command uses new seeds. The new run must be judged alone. If it were pooled with the earlier pairs, the result
+    would be biased, because their outcome was the reason for the new run.
     """
     varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)
@@ -208,7 +227,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
 def _evaluation(
     diagnosis: RunDiagnosis, tasks: Sequence[str], *, variations: Sequence[str] = (), seed: int, trials: int, out: str
 ) -> str:
-    """Return the command that evaluates a run's policy, or an empty string if it cannot be written in a shell."""
+    """Return the command that evaluates the policy of a run. Return "" if the command cannot be written in a shell."""
     if "\0" in diagnosis.address:
         return ""
     named = ["--variations", *variations] if variations else []
@@ -220,9 +239,9 @@ def _evaluation(
 
 
 def _settings(versions: Mapping[str, str]) -> Iterator[str]:
-    """Yield the command-line options for the non-default settings of a run.
+    """Yield the command-line options for settings of a run that differ from the defaults.
 
-    Settings that vary within the run, or are missing in its records, are omitted.
+    A setting is left out if it differs between records of the run, or if the records do not contain it.
     """
     for option, name, usual in _SETTINGS:
         value = versions.get(name, usual)
@@ -235,10 +254,10 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 
 
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
-    """Return the pairs per variation with which the gap test detects the gap's drop with 80 % power, or None.
+    """Return the number of pairs per variation with which the test of the illusion gap has a power of 80 %.
 
-    The observed drop is assumed to be the true drop. Returns None if there is no drop, or if more than
-    :data:`MOST_PAIRS` pairs would be needed.
+    The observed drop in success is assumed to be the true drop. Return None if there is no drop, or if more than
+    :data:`MOST_PAIRS` pairs per variation would be needed.
     """
     pairs = [
         (twin.success, trial.success)

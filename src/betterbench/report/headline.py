@@ -1,4 +1,4 @@
-"""Summary of a policy's diagnosis in a few sentences, for the top of the report."""
+"""Summary of a policy's diagnosis in a few sentences, which the report shows first."""
 
 from __future__ import annotations
 
@@ -33,32 +33,34 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Maximum share of failed variation trials that are treated as exceptions: one of the usual 20 trials."""
+"""Failures in at most this fraction of the variation trials are treated as exceptions. It is one of 20 trials."""
 
 WEAK_SHARE = 0.5
-"""Success rate on training conditions below which a policy has not learned the task. Its success rates then do not show
-how it reasons, but its first attempts can still be judged."""
+"""Success rate in training conditions below which a policy has not learned the task. Its success rates then do not show
+how it reasons, but its first grasp attempts can still be judged.
+"""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
-"""Labels that can occur in any condition and therefore do not identify an axis."""
+"""Labels of failures that can occur in any condition and therefore do not point to an axis of variation."""
 
 KIND_NAMES = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
-"""Names of the kinds of failures in conclusions, after "failures of"."""
+"""Names of the kinds of failures in conclusions, used after "failures of"."""
 
 LONGEST_REASON = 300
-"""Maximum length of the reason for a breakdown on the first screen [characters]."""
+"""Maximum number of characters of the error message that the first screen shows if the policy failed to run."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules by which a policy picks from a slot regardless of the object in it."""
+"""Labels of policies that pick from a certain slot regardless of the object in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Leading failure mode of some trials, with its counts among the failures and among all trials.
+    """Main failure mode of some trials, with its count among the failures and among all trials.
 
-    ``look_alikes`` is the number of further trials in which the policy took a look-alike from a trained slot, as the
-    same rule explains. It is 0 if more trials have the label itself.
+    ``look_alikes`` counts further trials that the same faulty rule explains: the policy took an object that looks like
+    the target from the slot in which the target was during training. It is 0 if trials with such an object are less
+    frequent than trials with the label itself.
     """
 
     label: Label
@@ -69,14 +71,14 @@ class Failure:
 
     @property
     def name(self) -> str:
-        """Full name of the label."""
+        """Full name of the failure mode."""
         return LEGEND[self.label].name
 
     @property
     def share(self) -> str:
-        """Share of the failures, with counts ("80 % of all failures (40/50), 40/240 variation trials").
+        """Fraction of the failures with counts, e.g. "80 % of all failures (40/50), 40/240 variation trials".
 
-        If all failures are of this kind, the percentage is omitted, because :attr:`lead` states it.
+        If all failures are of this kind, the percentage is left out, since :attr:`lead` says so.
         """
         more = f"; the same rule also explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
         text = f"{self.count}/{self.trials} variation trials"
@@ -87,7 +89,7 @@ class Failure:
 
     @property
     def lead(self) -> str:
-        """Introductory words for the failure mode."""
+        """Words that precede the name of the failure mode, such as "Most often"."""
         if self.look_alikes:
             return "The rule behind most failures"
         if self.count < self.failures:
@@ -97,18 +99,19 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Conclusion about one policy at the top of the page, with its numbers.
+    """Conclusion about one policy for the top of the page, with the numbers behind it.
 
     Attributes:
-        conclusion: One sentence with the main fault, or the statement that no fault was found.
-        sentences: One or two sentences with the numbers behind the conclusion.
-        family: Color family of the main failure; "right" without a failure.
-        effect: The instruction effect, over pairs of trials that differ only in the instruction.
-        effect_sentence: Meaning of the instruction effect, one sentence.
-        needless: Number of successful trials in which the policy also repeated a training step that was not requested.
+        conclusion: One sentence that names the main fault, or says that no fault was found.
+        sentences: One or more sentences with the numbers behind the conclusion.
+        family: Color family of the main failure; "right" if there is no failure.
+        effect: Instruction effect, over pairs of trials that differ only in the instruction.
+        effect_sentence: Sentence that explains the instruction effect.
+        needless: Successful trials in which the policy also did a training step that was not requested.
         segments: Outcomes of the variation trials.
-        breakdown: Error that ended most trials if the policy itself failed to run.
-        claim: Test behind the conclusion, and the trials needed to decide the conclusion if the test is not passed.
+        breakdown: Error message that ended most trials, if the policy itself failed to run.
+        claim: Test on which the conclusion is based, and the trials that would settle the conclusion if the test is not
+            passed.
     """
 
     policy: str
@@ -130,19 +133,19 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the success rate of the illusion gap's twins differs from the success rate of all training trials."""
+        """Whether the training trials behind the illusion gap have another success rate than all training trials."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
-        """Return a JSON-serializable dict: the conclusion, and its basis or the trials that it needs."""
+        """Return the conclusion, with its test or the trials that would settle it, as a JSON-serializable dict."""
         return {"conclusion": self.conclusion, **asdict(self.claim)}
 
 
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
-    """Return the verdict on a run.
+    """Return the conclusion about the policy of a run.
 
-    The main failure is the most frequent label within the most frequent failure kind over all variation trials. If two
-    kinds are equally frequent, reasoning takes precedence.
+    The main failure is the most frequent label within the most frequent kind of failure, over all variation trials. If
+    two kinds are equally frequent, reasoning failures come first.
     """
     diagnosis = replace(diagnosis, trials=diagnosis.counted_trials)
     training = Figure.of(diagnosis.metric("success_rate", "training"))
@@ -180,7 +183,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
 
 
 def verdict_line(diagnosis: RunDiagnosis) -> str:
-    """Return the verdict on a run in one line for a terminal: the policy, the conclusion and the two success rates."""
+    """Return the conclusion about a run in one line for a terminal: policy, conclusion and the two success rates."""
     headline = headline_of(diagnosis)
     rates = (("training", headline.training), ("variations", headline.variations))
     counts = ", ".join(f"{name} {figure.count()}" for name, figure in rates if not figure.missing)
@@ -192,7 +195,7 @@ def verdict_line(diagnosis: RunDiagnosis) -> str:
 
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
-    """Return the most important failure mode of variation trials with its counts, or None without failures."""
+    """Return the main failure mode of variation trials with its counts. Return None if no trial failed."""
     failed = [trial for trial in trials if _has_failed(trial)]
     label = main_failure(trials)
     if label is None:
@@ -202,7 +205,10 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of look-alikes explained by a label's rule, or 0 if more trials have the label itself."""
+    """Return the number of trials in which the rule behind a label led to an object that looks like the target.
+
+    Return 0 if trials with such an object are less frequent than trials with the label itself.
+    """
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
         return 0
@@ -210,11 +216,12 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 
 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
-    """Return the most frequent label within the most frequent failure kind, or None without failures.
+    """Return the most frequent label within the most frequent kind of failure. Return None if no trial failed.
 
-    A policy with a slot rule takes any object from the slot, including look-alikes. If such a rule is proven and most
-    look-alikes were taken from a trained slot of the target, the rule explains them and is named. The exception is a
-    policy whose attempts, including further ones, are all explained by the appearance of the objects.
+    A policy that always picks from a certain slot takes any object in this slot, including look-alikes of the target.
+    If such a rule is proven and most look-alikes were taken from a slot in which the target was during training, the
+    rule explains them, and the label of the rule is returned. The exception is a policy whose attempts are all
+    explained by the appearance of the objects.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -238,7 +245,10 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a slot rule leads only to look-alikes of the target, and other trials often violate the rule."""
+    """Return whether a rule about slots has led the policy only to objects that look like the target.
+
+    The policy must also have violated the rule in other trials.
+    """
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -246,7 +256,7 @@ def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
 
 
 def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
-    """Return the labels that a trial's variation can reveal, or an empty tuple for an unknown variation."""
+    """Return the labels that the variation of a trial can reveal. Return () if the variation is unknown."""
     try:
         return exposed_labels(trial.task, trial.variation or "")
     except UnknownNameError:
@@ -254,11 +264,11 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the main sentence, its color family and its statistical basis.
+    """Return the main sentence of the conclusion, the color family of the failure, and the statistical basis.
 
-    Evidence that the policy does not use the instruction takes precedence over the failures in the variations, unless a
-    habit explains the wrong first attempts in the whole run. In only a few variations, a habit can look like a choice
-    without the instruction.
+    Evidence that the policy does not use the instruction takes precedence over the failures in variations, unless a
+    habit explains the wrong first attempts in the whole run. If only a few variations were run, a policy with a habit
+    can seem to ignore the instruction.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -279,7 +289,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the same as :func:`_conclusion`, but only from the failures of the variation trials."""
+    """Return the same as :func:`_conclusion`, but based only on the failures in variation trials."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
@@ -328,10 +338,10 @@ def _by_failures(
 
 
 def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return the sentence on confused words or targets, for a main label that does not name them.
+    """Return the sentence on words or targets that the policy confuses, if the main label does not name them.
 
-    A proven rule is stated first. A placing habit is ruled out if objects are brought to targets that they never had in
-    training.
+    If a rule is proven, the sentence states it first. A habit of placing objects at certain targets is ruled out if the
+    policy brings objects to targets at which they never were in training.
     """
     reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
     vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))
@@ -340,7 +350,7 @@ def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run that solves every variation. It also states the failures of training trials."""
+    """Return the conclusion for a run that solves every variation. It also mentions failures in training trials."""
     trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
@@ -360,7 +370,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations, which states the results in training and their limits."""
+    """Return the conclusion for a run without variations: the results in training, and what they cannot show."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:
@@ -390,7 +400,7 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
 
 
 def _counts(failed: Sequence[TrialDiagnosis], main: Label) -> tuple[int, int]:
-    """Return the failures with a label, and all failures of its kind."""
+    """Return the number of failures with a label, and the number of all failures of the same kind."""
     same = sum(trial.label is main for trial in failed)
     return same + _look_alikes(failed, main, same), sum(trial.kind is main.kind for trial in failed)
 
@@ -402,7 +412,7 @@ def _is_majority(failed: Sequence[TrialDiagnosis], main: Label) -> bool:
 
 
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Extend a conclusion by its share among the failures of its kind, if that share is less than half."""
+    """Add a note to a conclusion if its label explains less than half of the failures of the label's kind."""
     if _is_majority(failed, main):
         return text
     same, kind = _counts(failed, main)
@@ -413,7 +423,10 @@ def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str
 
 
 def _of_other_kinds(failed: Sequence[TrialDiagnosis], kind: Kind) -> str:
-    """Return a sentence that counts the failures of other kinds, or an empty string if they are fewer than half."""
+    """Return a sentence that counts the failures of other kinds.
+
+    Return "" if they are fewer than half of all failures.
+    """
     others = [trial.kind for trial in failed if trial.kind is not kind]
     if 2 * len(others) < len(failed):
         return ""
@@ -422,12 +435,15 @@ def _of_other_kinds(failed: Sequence[TrialDiagnosis], kind: Kind) -> str:
 
 
 NOTHING_YET = "Nothing to conclude yet"
-REPAIR = "Correct the error of the policy, and run the same trials again in a new folder."
 """Beginning of the conclusion if no test is passed."""
+REPAIR = "Correct the error of the policy, and run the same trials again in a new folder."
 
 
 def _never_ran(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return the conclusion for a run in which each trial ended with an error of the policy, else None."""
+    """Return the conclusion for a run in which every trial ended with an error of the policy.
+
+    Return None for other runs.
+    """
     if any(trial.label is not Label.POLICY_ERROR for trial in trials):
         return None
     text = f"Nothing was measured: the policy failed with an error in {len(trials)} of {plural(len(trials), 'trial')}."
@@ -435,9 +451,9 @@ def _never_ran(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | N
 
 
 def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | None:
-    """Return sentence, family and test for a policy that provably does not use the instruction.
+    """Return the conclusion for a policy that provably does not use the instruction. Return None for other policies.
 
-    Such a policy is right in some trials at random, so its failures alone may prove nothing.
+    Such a policy chooses correctly in some trials by chance, so its failures alone may prove nothing.
     """
     effect = diagnosis.metric("instruction_effect", "overall")
     if effect is None or not is_unused(effect):
@@ -447,7 +463,7 @@ def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | N
 
 
 def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
-    """Return the conclusion for failures that may be due to chance."""
+    """Return the conclusion for failures that may have occurred by chance."""
     text = f"{NOTHING_YET}: {failed} of {plural(n, 'variation trial')} failed"
     if gap.missing:
         return f"{text}, and there are no training twins to compare them with."
@@ -457,10 +473,10 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 
 
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return the sentence, family and test for a failure that is rare overall but frequent in some task conditions.
+    """Return the conclusion about a failure that is rare overall but frequent in certain conditions of one task.
 
-    Training conditions are included, because a policy may fail one task already in training. A failure that also occurs
-    scattered over other tasks is not a habit.
+    Training conditions are included, because a policy may fail a task already in training. A failure that also occurs
+    in many other tasks is not a habit. Return None if there is no such failure.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
@@ -489,9 +505,10 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 
 
 def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
-    """Return a clause with the axis of nearly all variation trials of a label, if Fisher's exact test confirms it.
+    """Return a clause that names the axis on which a failure occurs, if nearly all of its trials are on one axis.
 
-    The clause is omitted if the label is about as frequent in training as on the axis.
+    The clause must be confirmed by Fisher's exact test. It is left out if the failure is about as frequent in training
+    as on the axis.
     """
     ended = [trial for trial in trials if trial.kind is not Kind.UNFINISHED]
     varied = [trial for trial in ended if trial.variation is not None]
@@ -510,7 +527,7 @@ def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
 
 
 def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
-    """Return the sentence on the success rates and the gap."""
+    """Return the sentence with the success rates and the illusion gap."""
     if training.missing and variations.missing:
         return "No trial was run."
     if variations.missing:
@@ -537,7 +554,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
 
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
-    """Return the sentence about the failures, with their counts by kind and the leading label."""
+    """Return the sentence about the failures, with their counts by kind and the main failure mode."""
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     if main is None:
@@ -561,13 +578,13 @@ def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
 
 
 def _unfinished(diagnosis: RunDiagnosis) -> str:
-    """Return the sentence on the unfinished trials of a stopped run."""
+    """Return the sentence about unfinished trials of a run that was stopped. Return "" if there are none."""
     count, planned = len(diagnosis.unfinished), len(diagnosis.trials)
     return f"{count} of {planned} planned trials are unfinished; they stay in all denominators." if count else ""
 
 
 def _breakdown(varied: list[TrialDiagnosis]) -> str:
-    """Return a sentence on the error that ended most trials if the policy itself failed to run, else ""."""
+    """Return the error that ended most trials if the policy itself failed to run. Return "" otherwise."""
     if main_failure(varied) is not Label.POLICY_ERROR:
         return ""
     texts = Counter(trial.evidence.text for trial in varied if trial.label is Label.POLICY_ERROR)

@@ -1,4 +1,4 @@
-"""Helpers for HTML pages: template environment, data URIs, and writing files."""
+"""Helpers for HTML pages: the template environment, data URIs, and writing files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from betterbench.quoting import LONGEST_TEXT
 
 
 def environment() -> Environment:
-    """Return the environment of all templates. It escapes every value, and an unknown name is an error."""
+    """Return the environment of all templates.
+
+    The environment escapes every value, and raises an error if a template uses an unknown name.
+    """
     return Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,
@@ -27,23 +30,23 @@ def environment() -> Environment:
 
 
 def asset(name: str) -> str:
-    """Return a text file from the templates folder."""
+    """Return the content of a text file in the templates folder."""
     return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _bounded(value: object) -> object:
-    """Return a value for a page, with long external text shortened, because a page may repeat the text many times."""
+    """Shorten a long text from an untrusted source, since a page may repeat the text many times."""
     return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def data_uri(data: bytes | str, media_type: str) -> Markup:
-    """Return data as a URI, so that a page is self-contained."""
+    """Return data as a data URI, so that the page that contains it is self-contained."""
     if isinstance(data, str):
         data, media_type = data.encode(), f"{media_type};charset=utf-8"
     return Markup(f"data:{media_type};base64,{b64encode(data).decode('ascii')}")  # noqa: S704 - Base64 needs no escaping
 
 
 def write(path: Path, data: bytes | str) -> Path:
-    """Write a file durably and atomically, and return its path."""
+    """Write a file durably and atomically. Return its path."""
     write_durably(path, data.encode() if isinstance(data, str) else data)
     return path

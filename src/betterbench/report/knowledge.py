@@ -1,4 +1,4 @@
-"""Table for the report page that compares a model's knowledge with a policy's behavior."""
+"""Table that compares what a model knows with what a policy does, for the report page."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ COLUMNS = {
     KnowledgeStanding.DOES_WITHOUT_KNOWING: "does without knowing",
     KnowledgeStanding.NOT_ASKED: "not asked",
 }
-"""Columns of the table, in order, with their titles."""
+"""Columns of the table in order, with their titles."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeRow:
-    """Row of the table for one outcome label."""
+    """Row of the table for all trials with one outcome label."""
 
     label: Label | str
     cells: tuple[str, ...]
@@ -30,12 +30,13 @@ class KnowledgeRow:
 
 @dataclass(frozen=True, slots=True)
 class GroupRow:
-    """Row of the table of knowledge versus behavior, for one group of trials.
+    """Row of the table for one group of trials.
 
     Attributes:
-        kind: Kind of group, for the heading of its part of the table.
-        name: Name of the group, or its label.
-        is_supported: Whether the group's claim is statistically significant.
+        kind: Kind of the group, which is the heading of a part of the table.
+        name: Name of the group, or the label of its trials.
+        cells: Texts of the other columns.
+        is_supported: Whether the finding about the group is statistically significant.
     """
 
     kind: str
@@ -46,13 +47,13 @@ class GroupRow:
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeView:
-    """Table of knowledge versus behavior for one policy and one model.
+    """Comparison of what one model knows with what one policy does.
 
     Attributes:
-        roles: One phrase with the number of correct answers for each role of a question.
-        known_failures: Keys of the failed trials whose right decision the model knew.
-        groups: Knowledge against behavior by axis, variation and failure mode.
-        tested: Number of groups in Holm's correction.
+        roles: For each role of a question, a phrase with the number of correct answers.
+        known_failures: Keys of the failed trials in which the model knew the right decision.
+        groups: Knowledge and behavior by axis, variation and failure mode.
+        tested: Number of groups that were tested, for which Holm's correction accounts.
     """
 
     model: str
@@ -68,7 +69,7 @@ class KnowledgeView:
 
 
 def knowledge_view(known: Knowledge) -> KnowledgeView:
-    """Return the view of a model's knowledge for the page."""
+    """Prepare the comparison of a model's knowledge with a policy's behavior for the page."""
     failures = tuple(t.key for t in known.trials if t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT)
     return KnowledgeView(
         known.model,

@@ -13,7 +13,9 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 from betterbench.tasks.worlds.libero_plus import TITLES
 
 LEGEND: Mapping[Label, FailureMode] = MODES
-"""Entry of every label, in stacking order; the text comes from the file of the failure mode."""
+"""Failure mode of every label, in the order in which they are stacked in charts. The texts come from the files of the
+failure modes.
+"""
 
 FAMILIES: dict[str, str] = {
     "right": "Right",
@@ -21,14 +23,17 @@ FAMILIES: dict[str, str] = {
     "execution": "Execution failure",
     "system": "System failure",
 }
-"""Color families and their names, in stacking order."""
+"""Color families of outcomes with their names, in the order in which they are stacked in charts."""
 
 UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
-"""Family of planned trials that have not ended; shown only if there are any."""
+"""Color family of planned trials that have not ended. It is only shown if there are such trials."""
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the color families for trial outcomes, with their names."""
+    """Return the color families of outcomes and their names, for the legend.
+
+    The family of unfinished trials is included only if a trial is unfinished.
+    """
     return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
 
 
@@ -39,7 +44,7 @@ AXIS_NAMES: dict[str, str] = {
     Axis.TEMPORAL_EXTRAPOLATION.value: "Temporal extrapolation",
     **TITLES,
 }
-"""Axes and their names in the paper's order, followed by the axes of LIBERO-Plus."""
+"""Names of the axes in the order of the paper, followed by the axes of LIBERO-Plus."""
 
 AXIS_PLACES: dict[str, str] = {
     Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are not where they were in training",
@@ -48,7 +53,7 @@ AXIS_PLACES: dict[str, str] = {
     Axis.TEMPORAL_EXTRAPOLATION.value: "where more or fewer steps are needed than in training",
     **{axis: f"where {change}" for axis, change in PLUS_AXES.items()},
 }
-"""Clause for each axis that describes its variations."""
+"""Clause that describes the variations of each axis."""
 
 EXPECTED_NAMES: dict[str, str] = {
     "succeed": "reach the goal",
@@ -56,4 +61,4 @@ EXPECTED_NAMES: dict[str, str] = {
     "stay_still": "stay still: the task is already done",
     "ambiguous": "ambiguous: the premise is broken, and no behavior is a failure",
 }
-"""Correct behavior in words, by expected outcome."""
+"""Description of the correct behavior for each expected outcome."""

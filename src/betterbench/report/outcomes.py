@@ -1,4 +1,4 @@
-"""Outcome counts per variation and per task, for the charts of a report."""
+"""Outcome counts of each variation and each task, for the charts of a report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Segment of an outcome bar: a failure mode or a success, with its number of trials."""
+    """Segment of an outcome bar.
+
+    It shows the number of trials with one failure mode, or the number of successful trials.
+    """
 
     mode: FailureMode
     count: int
@@ -30,16 +33,18 @@ class ConditionRow:
     """Outcomes of one policy on one variation, or on all training conditions of a task.
 
     Attributes:
-        id: "fast_food/T1", or "fast_food/training".
-        variation: Variation name, or None for the training conditions.
-        hypothesis: Hypothesis that the variation tests, or an empty string if the task is unknown.
-        expected: Correct behavior, in words.
+        id: "fast_food/T1" for a variation, "fast_food/training" for training conditions.
+        variation: Variation name; None for training conditions.
+        hypothesis: Hypothesis that the variation tests; "" if the task is unknown.
+        expected: Description of the correct behavior.
         instruction: The instruction, or the first of several.
-        twin_instruction: Instruction of the training condition from which a variation is derived.
-        support: Whether the poses are inside the training distribution, or an empty string.
-        twin: Success rate of the counterfactual twins in the run's pairs.
-        segments: Non-empty outcomes in stacking order.
-        verdict: For a run until decided, the verdict in words; otherwise an empty string.
+        twin_instruction: Instruction of the training condition from which the variation is derived.
+        support: Whether the required poses lie inside the training distribution; "" if unknown.
+        trial: Success rate of the trials.
+        twin: Success rate of the training twins, i.e. of the training trials with the same seeds, that are in the run.
+        gap: Illusion gap: success rate of the training twins minus success rate of the variation trials.
+        segments: Outcomes that occurred, in the order in which the chart stacks them.
+        verdict: Verdict in words, for a run of ``better eval --until-decided``; "" for other runs.
     """
 
     id: str
@@ -59,16 +64,16 @@ class ConditionRow:
     verdict: str = ""
 
     def count_of(self, family: str) -> int:
-        """Return the number of trials in a color family."""
+        """Return the number of trials whose outcome belongs to a color family."""
         return sum(segment.count for segment in self.segments if segment.mode.family == family)
 
 
 _CHANGES = {**CHANGES, **PLUS_AXES}
-"""Descriptions of the changes in LIBERO-PRO and LIBERO-Plus suites, by name of the change."""
+"""Description of each change in the LIBERO-PRO and LIBERO-Plus suites, by name of the change."""
 
 
 def task_of(name: str) -> Task | None:
-    """Return a task of the suite, or None if this version has no task with that name."""
+    """Return the task with the given name. Return None if this version has no such task."""
     try:
         return get_task(name)
     except UnknownNameError:
@@ -76,18 +81,21 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Return whether a run is in another world. Other worlds have no matrices, pretenders or certificates."""
+    """Return whether a run is in another simulated world, such as LIBERO.
+
+    Such runs have no diagnostic matrices, reference policies or certificates.
+    """
     return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 
 
 def task_title(name: str) -> str:
-    """Return a task's title, or its id."""
+    """Return the title of a task. If the task is unknown, return its name."""
     task = task_of(name)
     return name if task is None else task.title
 
 
 def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per variation in a run, in suite order."""
+    """Return one row for each variation in a run, in the order of the suite."""
     groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is not None:
@@ -100,7 +108,7 @@ def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per task with the outcomes of all its training conditions."""
+    """Return one row for each task with the outcomes of all its training conditions."""
     groups: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.even_trials:
         if trial.variation is None:
@@ -116,13 +124,13 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def segments_of(trials: list[TrialDiagnosis]) -> tuple[Segment, ...]:
-    """Return the outcomes of trials in stacking order."""
+    """Return the outcomes of trials, in the order in which the chart stacks them."""
     counts = Counter(trial.label for trial in trials)
     return tuple(Segment(mode, counts[mode.label]) for mode in LEGEND.values() if counts[mode.label])
 
 
 def suite_rank(task: str, variation: str) -> tuple[int, str]:
-    """Return the rank of a variation in its task's table; unknown names come last, sorted."""
+    """Return the sort key of a variation in the table of its task. Unknown names come last, in alphabetical order."""
     known = task_of(task)
     names = [v.name for v in known.variations] if known is not None else []
     return (names.index(variation) if variation in names else len(names), variation)
@@ -155,7 +163,10 @@ def _variation_row(
 
 
 def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
-    """Return the instruction of a variation trial's training condition, from the task or else from a twin."""
+    """Return the instruction of the training condition from which a variation trial is derived.
+
+    It is taken from the task or, if the task is unknown, from a training trial with the same seed.
+    """
     known = task_of(trial.task)
     told = next((c.instruction.text for c in known.training if c.name == trial.condition), "") if known else ""
     return told or (twins[0].instruction if twins else trial.instruction)
@@ -169,7 +180,10 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate from the run metrics, or counted from the trials if it is missing there."""
+    """Return the success rate in a scope from the metrics of the run.
+
+    If it is missing there, compute it from the trials.
+    """
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)

@@ -1,4 +1,4 @@
-"""Per-task view: results of every policy, findings and films."""
+"""Report section about each task: the results of every policy, findings and films."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 
 @dataclass(frozen=True, slots=True)
 class ConditionGroup:
-    """One variation, or the training conditions of a task, with one (policy, row) pair per policy that ran it."""
+    """Variation, or the training conditions of a task, with the results of each policy as a pair (policy, row)."""
 
     first: ConditionRow
     rows: tuple[tuple[str, ConditionRow], ...]
@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """Results of one policy on a task's variations, and on the training trials from which they are derived."""
+    """Results of one policy on the variations of a task, and on the training trials from which they are derived."""
 
     policy: str
     training: Figure
@@ -39,7 +39,7 @@ class TaskLine:
 
 @dataclass(frozen=True, slots=True)
 class TaskView:
-    """One task with its conditions, training conditions first."""
+    """One task with its conditions. Training conditions come first."""
 
     task: str
     title: str
@@ -49,17 +49,17 @@ class TaskView:
 
     @property
     def conditions(self) -> tuple[ConditionGroup, ...]:
-        """All conditions, training conditions first."""
+        """All conditions. Training conditions come first."""
         return self.variations if self.training is None else (self.training, *self.variations)
 
     @property
     def anchor(self) -> str:
-        """Identifier of the view on the page and in its URL."""
+        """Identifier of the task on the page and in the URL."""
         return f"task={self.task}"
 
 
 def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
-    """Return the tasks with their conditions and every policy's results."""
+    """Return one view per task of the given runs, with its conditions and the results of every policy."""
     by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
     for diagnosis in diagnoses:
         for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):
@@ -80,7 +80,7 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
-    """Return a task's title, or its instruction if it is from another world."""
+    """Return the title of a task. For a task from another simulated world, return its instruction."""
     return task_title(task) if facts_of_task(task).measured else groups[0].first.twin_instruction
 
 

@@ -1,4 +1,4 @@
-"""Number formatting for sentences and cells: percentages with counts, differences with intervals."""
+"""Formatting of numbers in sentences and cells: percentages with counts, and differences with intervals."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import minus, signed
 
 MISSING = "not measured"
-"""Text for a missing number."""
+"""Text that is shown instead of a missing number."""
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A number for a page, a CSV file or LaTeX. All values are fractions; None means that there is no number.
+    """Number for a page, a CSV file or LaTeX. All values are fractions. The value is None if there is no number.
 
     Attributes:
         low: Lower end of the 95 % interval.
         high: Upper end of the 95 % interval.
-        k: Numerator, or None if the number is not a single rate.
-        n: Denominator, or number of pairs; None for numbers without a denominator (chance level).
-        difference: True for differences of rates, which are given in points and with their sign.
-        noun: Noun of the counted units ("trials", "pairs", "attempts").
-        sides: For a difference, its two rates.
+        k: Numerator; None if the number is not a single rate.
+        n: Denominator or number of pairs; None for numbers without a denominator, such as a chance level.
+        difference: Whether the number is a difference of rates. It is then shown in percentage points, with its sign.
+        noun: Noun for the counted units ("trials", "pairs", "attempts").
+        sides: For a difference, the two rates.
     """
 
     value: float | None = None
@@ -42,7 +42,7 @@ class Figure:
 
     @classmethod
     def of(cls, metric: Metric | None, *, difference: bool = False, noun: str = "trials") -> Figure:
-        """Return the Figure of a metric; for a missing metric, its value is None."""
+        """Convert a metric to a Figure. For a missing metric, the value is None."""
         if metric is None:
             return cls(difference=difference, noun=noun)
         low, high = (metric.low, metric.high) if metric.value is not None else (None, None)
@@ -50,14 +50,21 @@ class Figure:
 
     @classmethod
     def of_rate(cls, rate: Rate) -> Figure:
-        """Return the Figure of a rate; without trials, its value and interval are None."""
+        """Convert a rate to a Figure. If there are no trials, the value and the interval are None."""
         if rate.value is None:
             return cls(k=rate.k, n=rate.n)
         return cls(rate.value, rate.low, rate.high, rate.k, rate.n)
 
     @classmethod
     def gap(cls, diagnosis: RunDiagnosis, scope: str) -> Figure:
-        """Return the illusion gap of a scope and the two sides of its pairs, the twins and the variations."""
+        """Return the illusion gap: success rate of training trials minus that of variation trials with the same seeds.
+
+        The two rates are stored with the gap.
+
+        Args:
+            diagnosis: Diagnosis of the run.
+            scope: Variations to include, such as "overall" or an axis.
+        """
         names = ("illusion_gap", "twin_success_rate", "paired_success_rate")
         gap, twins, paired = (diagnosis.metric(name, scope) for name in names)
         figure = cls.of(gap, difference=True, noun="pairs")
@@ -67,7 +74,10 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Minimum number of digits at which a difference matches its two printed sides, or 0 for other numbers."""
+        """Smallest number of decimal places at which the printed difference agrees with the two printed rates.
+
+        It is 0 for a number that is not a difference.
+        """
         if self.sides is None or self.value is None:
             return 0
         for digits in range(3):
@@ -77,7 +87,10 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates of a difference ("twins 67 %, variations 56 %"), or an empty string."""
+        """Return the two rates from which a difference was computed, e.g. "twins 67 %, variations 56 %".
+
+        Return "" if there are none.
+        """
         if self.sides is None or self.missing:
             return ""
         twins, paired = (side.with_unit(self.digits) for side in self.sides)
@@ -89,14 +102,17 @@ class Figure:
         return self.value is None
 
     def number(self, digits: int = 0) -> str:
-        """Return only the number, in percent or points ("62", "+3", "−47.5"), or "–"."""
+        """Return only the number, in percent or percentage points ("62", "+3", "−47.5").
+
+        Return "–" if it is missing.
+        """
         if self.value is None:
             return "–"
         rounded = _rounded_rate(self.k, self.n, self.value, max(digits, self.digits))
         return signed(rounded) if self.difference else minus(rounded)
 
     def with_unit(self, digits: int = 0) -> str:
-        """Return the number with its unit ("62 %", "38 points"), or "not measured"."""
+        """Return the number with its unit ("62 %", "38 points"). Return "not measured" if it is missing."""
         if self.value is None:
             return MISSING
         if self.difference:
@@ -114,14 +130,14 @@ class Figure:
         return f"{self.n} {self.noun.removesuffix('s') if self.n == 1 else self.noun}"
 
     def interval(self, digits: int = 0) -> str:
-        """Return the ends of the 95 % interval ("31 to 45"), or an empty string."""
+        """Return the ends of the 95 % interval ("31 to 45"). Return "" if there is no interval."""
         if self.low is None or self.high is None:
             return ""
         low, high = round_half_up(100 * self.low, digits), round_half_up(100 * self.high, digits)
         return f"{minus(low)} to {minus(high)}"
 
     def sentence(self) -> str:
-        """Return the full text in one phrase, for tooltips ("62 % (149/240), 95 % interval 56 to 68")."""
+        """Return the number, its count and its interval in a phrase, e.g. "62 % (149/240), 95 % interval 56 to 68"."""
         if self.value is None:
             return self.count() or MISSING
         ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""
@@ -130,7 +146,7 @@ class Figure:
 
 
 def _rounded_rate(k: int | None, n: int | None, value: float, digits: int) -> Decimal:
-    """Return the percentage from the counts if available, otherwise from the value."""
+    """Return the rounded percentage. It is computed from the counts if they are known, otherwise from the value."""
     if k is not None and n and 0 <= k <= n and abs(k / n - value) < 1e-9:
         exact = percent(k, n, digits=digits)
         if exact is not None:

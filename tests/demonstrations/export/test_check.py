@@ -218,16 +218,16 @@ FIELDS = {
         (fields(INFO, lambda f: f["features"].pop("action")), r"features\.action is absent, expected "),
         (fields(INFO, lambda f: f.update(data_path="x")), 'meta/info.json: data_path is "x", expected "data/'),
         (fields(INFO, lambda f: f.update(video_path=None)), "video_path is null, expected "),
-        (fields(INFO, lambda f: f.update(fps=20.0)), "fps is 20.0, expected 20. Export it again into another"),
+        (fields(INFO, lambda f: f.update(fps=20.0)), "fps is 20.0, expected 20. Export the data set again"),
         (fields(INFO, lambda f: f.update(total_frames=1)), "total_frames is 1, expected 18"),
         (fields(INFO, lambda f: f.update(total_tasks=99)), "total_tasks is 99, expected 2"),
         (fields(INFO, lambda f: f.update(chunks_size=1)), "chunks_size is 1, expected 1000"),
         (fields(INFO, lambda f: f.update(robot_type="so100")), 'robot_type is "so100", expected "panda"'),
-        (fields(INFO, lambda f: f.update(splits={})), "info.json: splits.train is None, but no validation share"),
-        (fields(INFO, lambda f: f.update(splits={"train": "0:3"})), r"splits\.train is 0:3, but no validation share"),
+        (fields(INFO, lambda f: f.update(splits={})), "info.json: splits.train is None, but no validation"),
+        (fields(INFO, lambda f: f.update(splits={"train": "0:3"})), r"splits\.train is 0:3, but no validation"),
         (fields(INFO, lambda f: f["splits"].update(validation="1:2")), r"splits\.validation is "),
-        (fields(INFO, lambda f: f.pop("codebase_version")), r"meta: is damaged \('codebase_version'\)"),
-        (fields(INFO, lambda f: f.update(codebase_version="v2.1")), r"episodes\.jsonl: cannot be read"),
+        (fields(INFO, lambda f: f.pop("codebase_version")), r"meta: it is damaged \('codebase_version'\)"),
+        (fields(INFO, lambda f: f.update(codebase_version="v2.1")), r"episodes\.jsonl: the file cannot be read"),
         (fields(STATS, lambda f: f["action"]["mean"].insert(0, 99.0)), r"stats\.json: action\.mean\[0\] is 99.0, exp"),
         (fields(STATS, lambda f: f["action"].update(std=[float("nan")] * 7)), r"action\.std\[0\] is NaN, expected"),
         (fields(STATS, lambda f: f["action"].pop("max")), r"action\.max is absent, expected"),
@@ -245,7 +245,7 @@ FIELDS = {
         (row(0, tasks=["x"]), r'tasks\[0\] is "x", expected '),
         (row(1, data__chunk_index=1), "data/chunk_index is 1, expected 0"),
         (row(1, data__file_index=2), "data/file_index is 2, expected 0"),
-        (row(1, data__file_index=1), r"data/chunk-000/file-000.parquet: has 18 rows, but 9 belong to episodes"),
+        (row(1, data__file_index=1), r"data/chunk-000/file-000.parquet: it has 18 rows, but 9 belong to episodes"),
         (row(0, stats__action__mean=[0.0] * 7), "stats/action/mean.* is 0.0, expected"),
         (row(0, better__record="0"), 'better/record is "0", expected '),
         (of_video(0, from_timestamp=0.05), "front/from_timestamp is 0.05, expected 0.0"),
@@ -257,12 +257,12 @@ FIELDS = {
         (table("meta/tasks.parquet", lambda t: t.take([1, 0])), r"meta/tasks\.parquet: rows\[0\]"),
         (table("meta/tasks.parquet", lambda t: t.replace_schema_metadata({})), "index is null, expected"),
         (table("meta/subtasks.parquet", lambda t: t.slice(1)), r"subtasks\.parquet: .*rows"),
-        (lambda out: (out / "meta/tasks.parquet").unlink(), r"tasks\.parquet: cannot be read"),
+        (lambda out: (out / "meta/tasks.parquet").unlink(), r"tasks\.parquet: the file cannot be read"),
         (lambda out: shutil.copy(out / DATA, out / "data/chunk-000/more.parquet"), "more.parquet: .*not belong to any"),
         (lambda out: shutil.copy(out / EPISODES, out / "meta/episodes/x.parquet"), r"x\.parquet: .*not belong to any"),
         (table(DATA, rotated), r"file-000\.parquet: episode 0: observation\.state\[0\]"),
-        (table(DATA, with_strangers), r"file-000\.parquet: has 21 rows, but 18 belong to episodes"),
-        (table(DATA, lambda t: t.slice(0, 12)), "episode 1: has 3 rows, expected 9"),
+        (table(DATA, with_strangers), r"file-000\.parquet: it has 21 rows, but 18 belong to episodes"),
+        (table(DATA, lambda t: t.slice(0, 12)), "episode 1: it has 3 rows, expected 9"),
         (table(DATA, lambda t: t.append_column("x", t["index"])), r'columns: x is "int64", expected absent'),
         (table(DATA, lambda t: t.replace_schema_metadata({})), "schema: it is null, expected"),
         (actions(plus(0.01)), r"episode 1: action\[8\]\[6\] is "),
@@ -282,7 +282,7 @@ FIELDS = {
         (table(DATA, without_subgoals), r"episode 0: language_persistent\[0\] is null, expected"),
     ),
     "held out": (
-        (fields(INFO, lambda f: f.update(splits={"train": "0:2"})), r"splits\.train is 0:2, but no validation share"),
+        (fields(INFO, lambda f: f.update(splits={"train": "0:2"})), r"splits\.train is 0:2, but no validation"),
         (fields(INFO, lambda f: f["splits"].update(validation="0:2")), r"splits\.validation is .0:2., expected .1:2"),
     ),
     "gr00t": (
@@ -291,19 +291,19 @@ FIELDS = {
             r"meta/modality\.json: action\.ee_position\.end is 6, expected 3",
         ),
         (fields("modality.json", lambda f: f["video"].popitem()), r"modality\.json: video\..* is absent"),
-        (lambda out: (out / "meta/modality.json").unlink(), r"modality\.json: cannot be read"),
+        (lambda out: (out / "meta/modality.json").unlink(), r"modality\.json: the file cannot be read"),
         (fields(INFO, lambda f: f.update(total_videos=77)), "total_videos is 77, expected 4"),
         (fields(INFO, lambda f: f.update(total_chunks=2)), "total_chunks is 2, expected 1"),
         (lines(LINES, lambda r: r[1]["stats"]["action"]["mean"].reverse()), r"line 2: stats\.action\.mean\[0\] is "),
-        (lines(LINES, lambda r: r.pop()), "lists only 1 of the episodes"),
-        (lines(LINES, lambda r: r.append(r[0])), "lists 3 episodes, but there are 2"),
+        (lines(LINES, lambda r: r.pop()), "it lists only 1 of the episodes"),
+        (lines(LINES, lambda r: r.append(r[0])), "it lists 3 episodes, but there are 2"),
         (lines("episodes.jsonl", lambda r: r[0].update(length=5)), "line 1: length is 5, expected 9"),
         (lines("episodes.jsonl", lambda r: r.reverse()), "line 1: episode_index is 1, expected 0"),
         (lines("tasks.jsonl", lambda r: r[0].update(task="x")), r'tasks\.jsonl: \[0\]\.task is "x", expected'),
         (fields(STATS, lambda f: f["action"].update(q50=[0.0] * 7)), r"action\.q50 is \[.*\], expected absent"),
         (
             table("data/chunk-000/episode_000001.parquet", lambda t: pa.concat_tables([t, t])),
-            r"episode_000001\.parquet: has 18 rows, but 9 belong to episodes",
+            r"episode_000001\.parquet: it has 18 rows, but 9 belong to episodes",
         ),
         (
             lambda out: shutil.copy(out / "data/chunk-000/episode_000001.parquet", out / "data/chunk-000/z.parquet"),
@@ -319,12 +319,12 @@ FIELDS = {
         ),
     ),
     "hdf5": (
-        (array("mask/train", lambda v: v[:1]), "mask/train has 1 demonstrations, but no validation share splits"),
+        (array("mask/train", lambda v: v[:1]), "mask/train has 1 demonstrations, but no validation fraction splits"),
         (array("mask/train", lambda v: v[::-1]), r'mask: train\[0\] is "demo_1", expected "demo_0"'),
         (hdf5(lambda f: f["mask"].create_dataset("valid", data=f["mask/train"][:])), r"mask: valid is .* absent"),
-        (hdf5(lambda f: f.pop("mask")), "mask: is damaged"),
+        (hdf5(lambda f: f.pop("mask")), "mask: it is damaged"),
         (json_attribute("data", "env_args", type=1), r"data: env_args\.type is 1, expected 2"),
-        (attribute("data", "env_args", "{"), "data: is damaged"),
+        (attribute("data", "env_args", "{"), "data: it is damaged"),
         (attribute("data", "total", 5), "data: total is 5, expected 18"),
         (attribute("data/demo_1", "num_samples", 5), "data/demo_1: num_samples is 5, expected 9"),
         (attribute("data/demo_0", "instruction", "x"), 'demo_0: instruction is "x", expected '),
@@ -343,7 +343,7 @@ FIELDS = {
         (array("data/demo_0/obs/front", lambda v: v[:, :9]), 'obs/front is "9 x 9 x 256 x 3 uint8", expected'),
         (array("data/demo_0/obs/front", lambda v: 255 - v), "its observation.images.front differs at frame 0"),
         (hdf5(lambda f: f.pop("data/demo_0/obs/wrist")), "obs/wrist is absent"),
-        (hdf5(lambda f: f.pop("data/demo_1")), "episode 1: is damaged"),
+        (hdf5(lambda f: f.pop("data/demo_1")), "episode 1: it is damaged"),
         (origin(lambda s: s["episodes"][0].update(rows=3)), r"better: episodes\[0\]: rows is 3, expected 9"),
         (origin(lambda s: s.update(images="video")), r'better: images is "video", expected "png"'),
     ),
@@ -401,7 +401,9 @@ def test_an_unreadable_video_is_one_line_that_names_it(demonstrations, sets, tmp
     out = copy_of(sets, "v3", tmp_path)
     video = next(out.rglob("*.mp4"))
     video.write_bytes(video.read_bytes()[:300])
-    with pytest.raises(InvalidInputError, match=r"file-000\.mp4: the video cannot be read \(.*\)\. Export it again"):
+    with pytest.raises(
+        InvalidInputError, match=r"file-000\.mp4: the video cannot be read \(.*\)\. Export the data set again"
+    ):
         check_export([demonstrations.run], out)
 
 
@@ -544,7 +546,7 @@ def test_a_file_of_robomimic_is_known_whatever_it_is_called(demonstrations, sets
     assert "agrees with the records: 2 episodes" in capsys.readouterr().out
     (tmp_path / "short.hdf5").write_bytes(sets["hdf5"].read_bytes()[:700])
     assert main([*words, str(tmp_path / "short.hdf5")]) == 2
-    assert "is not a data set of better export" in " ".join(capsys.readouterr().err.split())
+    assert "this is not a data set of better export" in " ".join(capsys.readouterr().err.split())
 
 
 def column_lost(name):

@@ -313,7 +313,7 @@ def test_a_data_set_that_lost_a_file_is_not_called_finished(demonstrations, whol
     name = "meta/stats.json"
     shutil.copytree(whole_folder, tmp_path / "whole")
     (tmp_path / "whole" / name).unlink()
-    with pytest.raises(RunConflictError, match=rf"{name}: is missing"):
+    with pytest.raises(RunConflictError, match=rf"{name}: the file is missing"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "whole"))
 
 
@@ -345,7 +345,7 @@ def test_a_record_that_is_given_twice_is_refused(demonstrations, tmp_path):
     shutil.copytree(run.path, tmp_path / "copy")
     for runs in ([run, run], [run, RunFolder.open(tmp_path / "copy")]):
         with pytest.raises(
-            InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Give each run once"
+            InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Pass each run only once"
         ):
             select_demonstrations(runs)
 
@@ -365,7 +365,7 @@ def test_records_of_two_versions_of_a_task_are_no_data_set(demonstrations, tmp_p
 
 def test_a_link_to_nothing_is_refused_before_anything_is_drawn(demonstrations, tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(RunConflictError, match="is a broken symbolic link"):
+    with pytest.raises(RunConflictError, match="this is a broken symbolic link"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "link"))
     assert [path.name for path in tmp_path.iterdir()] == ["link"]
 

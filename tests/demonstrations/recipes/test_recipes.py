@@ -157,7 +157,7 @@ def test_the_papers_steps_are_called_the_papers_for_pi05_alone():
 
 def test_other_frameworks_have_no_recipe_for_the_real_arm():
     for framework in ("gr00t", "being-h"):
-        with pytest.raises(InvalidInputError, match="Use openpi or lerobot, or another recipe"):
+        with pytest.raises(InvalidInputError, match="Use openpi or lerobot, or choose another recipe"):
             made(framework, "real_arm")
     with pytest.raises(UnknownNameError, match="real_arm"):
         recipe_of("real_arms")
@@ -529,9 +529,9 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
 @pytest.mark.parametrize(
     ("framework", "form", "options", "said"),
     [
-        ("openpi", "better", {"gpus": 3}, "a batch of 128 is not divisible by 3.*Give one of 1, 2, 4, 8"),
+        ("openpi", "better", {"gpus": 3}, "a batch of 128 cannot be divided evenly among 3.*: 1, 2, 4, 8"),
         ("openpi", "better", {"gpus": 0}, "--gpus: 0 is out of range"),
-        ("openpi", "better", {"data": ()}, "--data: is missing"),
+        ("openpi", "better", {"data": ()}, "--data: no data set is given"),
         ("openpi", "better", {"data": ("a", "b")}, "2 data sets are given, but this trainer reads only one"),
         ("gr00t", {"proprioception": False}, {}, "GR00T cannot be trained without a state"),
         ("being-h", {"proprioception": False}, {}, "Being-H cannot be trained without a state"),
@@ -541,9 +541,9 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
         ("lerobot", {"steps": 30_000, "save_every": 7_000}, {}, "not a multiple of 7000"),
         ("lerobot", {"steps": 0}, {}, "steps"),
         ("lerobot", {"stepps": 1}, {}, "stepps"),
-        ("lerobot", {"frozen": {"openpi": ["vision", "vision"]}}, {}, "names a part twice"),
+        ("lerobot", {"frozen": {"openpi": ["vision", "vision"]}}, {}, "a part is listed twice"),
         ("lerobot", {"name": "a b"}, {}, "name"),
-        ("lerobot", {"chunk": 10}, {"policy": "diffusion"}, "chunk: .*10 is not a multiple of 8.*Give a multiple of 8"),
+        ("lerobot", {"chunk": 10}, {"policy": "diffusion"}, "chunk: .*10 is not a multiple of 8.*Use a multiple of 8"),
         ("openpi", "better", {"data": ("sets/my data #1",)}, "--data: 'my data #1'.*Rename the folder"),
         ("openpi", "better", {"data": ('sets/cost$5 "x" `id`',)}, "--data.*Rename the folder"),
         ("being-h", "better", {"data": ("sets/a: b",)}, "--data: 'a: b'.*Rename the folder"),
@@ -588,4 +588,4 @@ def test_the_verb_writes_a_folder_once(tmp_path, capsys, monkeypatch):
     assert subprocess.run(["/bin/bash", "-n", "out/commands.sh"], check=False).returncode == 0
     capsys.readouterr()
     assert main([*words[:5], "other", "--out", "out"]) == 2
-    assert "it contains another" in capsys.readouterr().err.replace("\n", " ")
+    assert "it contains a different" in capsys.readouterr().err.replace("\n", " ")

@@ -181,7 +181,7 @@ def test_the_command_writes_what_it_found(tmp_path, capsys):
 
 
 def test_what_cannot_be_read_is_one_clear_line(tmp_path):
-    with pytest.raises(InvalidInputError, match=r"info\.json.*Give the folder of a LeRobot dataset"):
+    with pytest.raises(InvalidInputError, match=r"info\.json.*Use the folder of a LeRobot dataset"):
         facts_of_lerobot(tmp_path)
     path = made_up(tmp_path / "set", episodes=20)
     file = path / "data" / "chunk-000" / "file-000.parquet"
@@ -223,7 +223,7 @@ def changed(name, change):
             r"\(in observation\.state\)",
         ),
         (changed("task_index", lambda v: [None] * len(v)), r"not finite \(in task_index"),
-        (changed("episode_index", lambda v: [None, *v[1:]]), "episode_index is not a finite number in row 0"),
+        (changed("episode_index", lambda v: [None, *v[1:]]), "the value of episode_index is not finite in row 0"),
         (changed("action", lambda v: [x[:1] for x in v]), "does not have 4 numbers in each row"),
         (changed("observation.state", lambda v: [x[0] for x in v]), "800 numbers in 800 rows, expected 4"),
         (changed("action", lambda v: [[*v[0], *v[1][:2]], v[1][2:], *v[2:]]), "does not have 4 numbers in each row"),

@@ -116,7 +116,7 @@ def refusal(path, choices=None):
 @each("layout, last", [("humanoid with hands", 27), ("no names", 3)], lambda layout, _: layout)
 def test_the_advice_about_a_gripper_guesses_no_number(tmp_path_factory, layout, last):
     said = refusal(make(tmp_path_factory.mktemp("set") / "set", layout, "clean", count=12))
-    assert f"--gripper 'action[N]', where N is the number that closes the gripper (0 to {last})" in said
+    assert f"--gripper 'action[N]', where N is the index of the component that closes the gripper (0 to {last})" in said
     assert not re.search(r"--(gripper|place) '?(action|observation\.state)(\[\d|:[a-z])", said)
 
 
@@ -129,8 +129,8 @@ def test_numbers_that_may_be_the_gripper_are_listed_and_none_is_advised(tmp_path
     assert "gripper (0), gripper (3)" in said
     assert "--gripper 'action[N]', where N is its index in brackets" in said
     assert "action[N], where N is one of 0, 3" in refusal(path, Choices(grippers=("action:gripper",)))
-    assert "as COLUMN[N], where N is its number (0, 1, 2, 3)" in refusal(path, Choices(grippers=("action",)))
-    assert "action[ ] has 0 numbers. Give a number" in refusal(path, Choices(grippers=("action[ ]",)))
+    assert "as COLUMN[N], where N is its index (0, 1, 2, 3)" in refusal(path, Choices(grippers=("action",)))
+    assert "action[ ] has 0 components. Write an index" in refusal(path, Choices(grippers=("action[ ]",)))
 
 
 def test_the_advice_about_places_lists_numbers_of_that_arm(tmp_path):
@@ -143,7 +143,7 @@ def test_the_advice_about_places_lists_numbers_of_that_arm(tmp_path):
     assert "no component has a name for the position of the right arm" in said
     assert "observation.state has observation.state:right_wrist, observation.state:right_x" in said
     assert "left" not in said
-    assert "--place 'COLUMN[0,1,2]', with its own column and numbers, x first, counted from 0" in said
+    assert "--place 'COLUMN[0,1,2]', with your column and the indices of x, y and z, counted from 0" in said
 
 
 @each("layout", ["ALOHA", "two arms, interleaved", "two arms, nested", "humanoid"])
@@ -225,7 +225,7 @@ def test_an_episode_with_a_number_that_cannot_be_used_is_left_out(tmp_path_facto
     change_numbers(path, name, lambda v, e: v.__setitem__((e < 12, slice(None)), value))
     said = refusal(path, chosen)
     assert f"13 of 24 episodes cannot be used: episode 0 has {reason} (in {name})" in said
-    assert "Give other columns with --gripper, --place or --instruction, or correct these numbers" in said
+    assert "Choose other columns with --gripper, --place or --instruction, or correct these numbers" in said
 
 
 def test_numbers_that_are_not_read_may_be_anything(tmp_path):
@@ -279,7 +279,7 @@ def test_a_number_with_too_many_digits_is_one_line_without_advice_about_python(t
 def test_a_number_that_there_is_not_is_one_short_line(tmp_path_factory, text):
     path = make(tmp_path_factory.mktemp("set") / "set", "plain", "clean", count=12)
     said = refusal(path, Choices(grippers=(text,)))
-    assert "action has 4 numbers; " in said
+    assert "action has 4 components, so " in said
     assert len(said) < 200
 
 

@@ -177,11 +177,14 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
 @each(
     "choices, wanted",
     [
-        (Choices(grippers=("action:griper",)), "Unknown number of action 'griper'. Did you mean 'gripper'"),
-        (Choices(grippers=("acton[3]",)), "Unknown column of --gripper 'acton'. Did you mean 'action'"),
-        (Choices(grippers=("action[9]",)), "action has 4 numbers; 9 does not exist"),
-        (Choices(grippers=("action",)), "action has 4 numbers. Give one of them"),
-        (Choices(places=("observation.state:x",)), "1 numbers are given for 1 grippers"),
+        (Choices(grippers=("action:griper",)), "Unknown component of action 'griper'. Did you mean 'gripper'"),
+        (Choices(grippers=("acton[3]",)), "Unknown column in --gripper 'acton'. Did you mean 'action'"),
+        (Choices(grippers=("action[9]",)), "action has 4 components, so 9 does not exist"),
+        (Choices(grippers=("action",)), "action has 4 components. Choose one of them"),
+        (
+            Choices(places=("observation.state:x",)),
+            "the number of components (1) does not fit the number of grippers (1)",
+        ),
         (Choices(places=("+action:dx", "observation.state:y")), "only some components have the prefix +"),
         (Choices(instruction="langage_instruction"), "Did you mean 'language_instruction'"),
     ],
@@ -216,8 +219,8 @@ def info_of(path, **changes):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action have the name of a gripper"),
-        (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "only some of the grippers name an arm"),
+        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action are named like a gripper"),
+        (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "only some grippers name their arm"),
         (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 components have the name x"),
         (
             ["left_x", "left_y", "right_x", "right_y", "gripper", "a", "b", "c"],
@@ -282,9 +285,9 @@ def test_a_file_that_holds_more_than_is_read_is_one_clear_line(tmp_path):
     [
         ('{"task_index": 0, "task": "a"} nonsense', "cannot be read"),
         ('{"task_index": 0, "task": ' + "[" * 100_000, "nested too deep"),
-        ('[{"task_index": 0, "task": "a"}, 3]', "values other than objects"),
+        ('[{"task_index": 0, "task": "a"}, 3]', "JSON values that are not objects"),
         ('{"task_index": 0, "task": "a"}\n{"task_index": 0, "task": "b"}', "occurs twice with different texts"),
-        ('{"task_index": 0, "category": "a"}', "there is no column task; candidates are category"),
+        ('{"task_index": 0, "category": "a"}', "there is no column named task; candidates are category"),
     ],
     lambda _, said: said,
 )

@@ -61,7 +61,7 @@ def test_fruit_is_packed_by_dragging_the_gizmo_and_saved(teleop, tmp_path):
         operator.drag_to((0.5, -0.1, 0.2))
         assert distance(operator.tool.position, (0.5, -0.1, 0.2)) < 0.005
         operator.press("KeyZ")
-        operator.wait_for("undone to the start")
+        operator.wait_for("returned to the start")
         time.sleep(1.0)
         assert distance(operator.tool.position, began.position) < 0.001
         for number, (item, grasp) in enumerate(zip(ITEMS, grasps, strict=True)):

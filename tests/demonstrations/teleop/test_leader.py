@@ -85,7 +85,7 @@ def test_the_gripper_does_not_chatter():
 
 @pytest.mark.parametrize("bad", [{}, {**HOME, "elbow_flex": math.nan}, {**HOME, "wrist_roll": math.inf}])
 def test_readings_that_are_missing_or_not_finite_are_named(bad):
-    with pytest.raises(InvalidInputError, match=r"leader arm: \w+ is (nan|inf)"):
+    with pytest.raises(InvalidInputError, match=r"leader arm: the angle of \w+ is (nan|inf)"):
         leader_tool(bad)
 
 
@@ -171,7 +171,7 @@ def test_a_robot_with_the_leaders_joints_goes_where_its_joints_are():
     assert mirror.follow(mirror.tool(degrees_of(away)), 100.0) == (mirror.tool(degrees_of(away)), False)
     mirror.take_hold(ik.forward(home), mirror.tool(degrees_of(away)))  # undone
     assert mirror.follow(mirror.tool(degrees_of(away)), 100.0)[0] is None
-    with pytest.raises(InvalidInputError, match="leader arm: elbow_flex is nan"):
+    with pytest.raises(InvalidInputError, match="leader arm: the angle of elbow_flex is nan"):
         mirror.tool({**HOME, "elbow_flex": math.nan})
 
 

@@ -152,7 +152,7 @@ def test_the_gripper_closes_once_and_undo_opens_it_again(desk):
     assert desk.station.session.state.finger_width_m < 0.02
     steps = desk.station.session.steps
     panel = desk.tap("undo")
-    assert panel.said[-1] == f"undone to the start: {steps} steps removed"
+    assert panel.said[-1] == f"returned to the start; {steps} steps were removed"
     assert not panel.closed
     assert desk.station.session.steps == 0
     assert desk.tick(10).status.startswith("ready")
@@ -177,7 +177,7 @@ def test_a_demonstration_is_saved_and_the_same_command_goes_on(tmp_path, monkeyp
         full = OSError(errno.ENOSPC, "No space left on device")
         with monkeypatch.context() as broken:
             broken.setattr(RunFolder, "write_record", lambda *_: (_ for _ in ()).throw(full))
-            assert desk.tap("save").said[-1].startswith("not saved, but not lost:")
+            assert desk.tap("save").said[-1].startswith("not saved yet:")
         store.run.path.rename(tmp_path / "elsewhere")
         assert "run: the folder or its .lock was removed or moved" in desk.tap("save").said[-1]
         assert not store.run.path.exists()

@@ -145,7 +145,7 @@ def test_a_stage_file_that_is_damaged_is_named(undisturbed, tmp_path):
     run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
     file = tmp_path / "stages" / f"runs-{TASK}-balanced-seed0.json"
     file.write_bytes(file.read_bytes()[:50])
-    with pytest.raises(RecordError, match=rf"{file.name}.*Move the file elsewhere"):
+    with pytest.raises(RecordError, match=rf"{file.name}.*Delete the file"):
         run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
 
 
@@ -523,12 +523,15 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
         ({"arms": {"a": {"training": 0.5, "balanced": 0.5}}, "demos": 1}, "arms.a.*1 demonstrations are too few for 2"),
         ({"recipe": {"steps": 0}}, "steps"),
-        ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*untrained weights.*lever with a start"),
-        ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever with a start"),
+        (
+            {"recipe": {"frozen": ["trunk"]}},
+            "recipe.frozen.*weights that were never trained.*lever with the field start",
+        ),
+        ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever with the field start"),
         ({"levers": [{"name": "x", "changes": {}, "start": "none"}]}, "levers\\[0\\].start.*'none'"),
         (
             {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "start": "balanced"}]},
-            "lever x.co_training.*other demonstrations",
+            "lever x.co_training.*other questions",
         ),
         (
             {
@@ -559,7 +562,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ),
         (
             {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "questions": 9}]},
-            "lever x.co_training.sets.*creates its own",
+            "lever x.co_training.sets.*makes its own",
         ),
         (
             {"levers": [{"name": "x", "changes": {"co_training": 3}, "questions": 9}]},
@@ -568,7 +571,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ({"levers": [{"name": "x", "changes": {}, "questions": -1}]}, "questions"),
         (
             {"levers": [{"name": "x", "changes": {}, "questions": 9, "start": "balanced"}]},
-            "lever x.co_training.*other demonstrations",
+            "lever x.co_training.*other questions",
         ),
         ({"levers": [{"name": "x", "changes": {}, "against": "x"}]}, "levers\\[0\\].against.*'x' is not in the study"),
         (

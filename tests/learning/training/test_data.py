@@ -160,7 +160,7 @@ def test_a_demonstration_does_not_count_twice(run_of, tmp_path):
     run = run_of().path
     shutil.copytree(run, tmp_path / "copy")
     for data in ([run, run], [run, tmp_path / "copy"]):
-        with pytest.raises(InvalidInputError, match=r"the same record is also in .*Give each run once"):
+        with pytest.raises(InvalidInputError, match=r"the same record is also in .*Pass each run only once"):
             read_training_set(tiny(data=[str(place) for place in data]))
 
 

@@ -265,7 +265,7 @@ def test_a_table_is_what_was_written_with_the_state(tmp_path, name):
     table = tmp_path / "out" / name
     head, first, *rest = table.read_text().splitlines()
     table.write_text("\n".join([head, first.replace(".", ".1", 1), *rest]) + "\n")
-    with pytest.raises(InvalidInputError, match="its tables do not match the saved state"):
+    with pytest.raises(InvalidInputError, match="tables of the training do not match the saved state"):
         train(tiny(), made_up(), tmp_path / "out")
 
 
@@ -277,7 +277,7 @@ def test_a_damaged_table_is_no_reason_to_remove_the_weights(tmp_path, harm):
         table.unlink()
     else:
         table.write_text({"text": "step\nx\n", "long": "step\n" + "9" * 200_000}[harm])
-    with pytest.raises(BetterError, match=r"loss\.csv: cannot be read .*are kept") as caught:
+    with pytest.raises(BetterError, match=r"loss\.csv: the table cannot be read .*are kept") as caught:
         train(tiny(), made_up(), tmp_path / "out")
     assert "remove" not in str(caught.value)
 

@@ -170,7 +170,7 @@ def test_another_learner_than_that_which_played_is_refused(run, diagnosis, tmp_p
         return ask_about_run(other, run, diagnosis, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"))
 
     stranger = Learner.load(_written(tmp_path / "a", seed=7))
-    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Give the checkpoint of the run"):
+    with pytest.raises(InvalidInputError, match=r"used other weights.*Use the checkpoint that was evaluated"):
         ask(stranger)
     with pytest.raises(InvalidInputError, match=r"trained without questions.*co_training"):
         ask(Learner.load(_written(tmp_path / "b", answers=())))
@@ -245,9 +245,9 @@ def test_what_it_cannot_answer_is_refused_with_a_reason(learner, run, moments):
     q = next(q for q in moments.questions if q.form is Form.YES_NO)
     with pytest.raises(RefusedError, match=r"none of the answers .* occurred in training"):
         model.answer(prompt_for(q), [moments.image(q.image)])  # it learned cells alone
-    with pytest.raises(RefusedError, match="only the questions of the set"):
+    with pytest.raises(RefusedError, match="can only answer the questions of the set"):
         model.answer("Where is the mug?", [moments.image(q.image)])
-    with pytest.raises(RefusedError, match="only the questions of the set"):
+    with pytest.raises(RefusedError, match="can only answer the questions of the set"):
         model.answer(prompt_for(q), [b"another image"])
 
 
@@ -269,8 +269,8 @@ def test_the_command_evaluates_a_learner_and_its_answers_are_set_against_its_dee
     assert json.loads(capsys.readouterr().out)["knowledge"]["groups"][0]["name"] == "all"
     for changed, problem in (
         (line, "--records: is missing"),
-        ([*line, "--records", str(run.path), "--eyes", "tile-1"], "--eyes: does not apply to a learner"),
-        (["vlm", "egoplan2", *line[1:]], "a learner answers only questions about frames"),
+        ([*line, "--records", str(run.path), "--eyes", "tile-1"], "--eyes: this option does not apply to a learner"),
+        (["vlm", "egoplan2", *line[1:]], "a learner can only answer questions about recorded"),
         (["vlm", "egoplan2", "--model", "http://localhost:1/v1#m", "--acted", str(run.path)], "--acted"),
         (
             [*line[:4], "http://localhost:1/v1#m", *line[5:], "--records", str(run.path)],

@@ -210,7 +210,7 @@ WRONG = {
     "shape": (LAST, "        return self.last(pooled)[:, :3]\n", r"summary returns \(8, 3\), expected .*\(8, 16\)"),
     "nothing": (LAST, "        self.last(pooled)\n", "summary returns NoneType"),
     "raises": (LAST, "        return self.lost(pooled)\n", r"mine.py, line \d+: .*no attribute 'lost'"),
-    "unused": (LAST, "        return pooled\n", "no action depends on its weights last.0.weight"),
+    "unused": (LAST, "        return pooled\n", "the loss does not depend on the weights last.0.weight"),
     "no summary": ("def summary", "def sumary", "mine.py: NotImplementedError: DeepSets must implement summary"),
     "no build": ("def build", "def bild", "mine.py: NotImplementedError: DeepSets must implement build"),
     "no network": ("(LearnerNetwork)", "", "TypeError|got DeepSets"),

@@ -31,5 +31,5 @@ def test_each_process_takes_the_card_of_its_own_number(monkeypatch):
     here = TrainingProcesses.here()
     assert here == TrainingProcesses(5, 8, 1)
     assert [here.device(name) for name in ("cpu", "cuda")] == ["cpu", "cuda:1"]
-    with pytest.raises(InvalidInputError, match=r"--device cuda:0.*8 processes.*Give cuda"):
+    with pytest.raises(InvalidInputError, match=r"--device cuda:0.*8 processes.*Use --device cuda"):
         here.device("cuda:0")

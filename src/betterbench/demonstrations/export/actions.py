@@ -1,4 +1,4 @@
-"""Action labels of a record in any action space."""
+"""Action labels of a recorded episode, converted to any action space."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from betterbench.sim.robots import robot_of_space
 
 
 def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
-    """Return a record's actions in an action space, (n_steps, dim) float64.
+    """Return the actions of a record in the given action space, as an (n_steps, dim) float64 array.
 
     In the action space of the record, these are the intended actions: the executed actions without the noise that a
-    demonstrator added. For another action space, actions are computed from the recorded controller commands: the joint
-    references at the end of each control step, or the corresponding poses. Each delta is relative to the sum of all
-    earlier deltas, and therefore compensates for their clipping. Noise is removed from poses, but not from joint
-    references, because the controller's response to another pose is not recorded.
+    demonstrator added. For another action space, the actions are computed from the recorded controller commands, which
+    are the joint references at the end of each control step or the corresponding poses. Each delta starts from the pose
+    that the earlier deltas add up to, so motion that was lost because a delta was clipped is made up for by the
+    following deltas. Noise is removed from poses but not from joint references, because the record does not show how
+    the controller would have responded to another pose.
 
     Raises:
         InvalidInputError: If the record does not have a reference for every joint, or the action space is unknown.
@@ -44,7 +45,9 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     joints = space.dim - 1
     if space.name in JOINT_SPACES and record.act.shape[1] != joints:
         problem = f"{space.name} needs {joints} joint references, but the record has {record.act.shape[1]}"
-        raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
+        raise InvalidInputError(
+            f"record of {record.metadata.task}", problem, "Export it in the action space of the record"
+        )
     if space.name in ROBOT_ACTION_SPACES:
         motion, gripper = record.act[1:] / space.scale[:-1], _openings(record, space)
     elif space.name == JOINT_POSITION.name:
@@ -62,16 +65,16 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 
 
 def _openings(record: Record, space: ActionSpace) -> np.ndarray:
-    """Return the commanded gripper openings (n_steps, 1) in an action space of the robot's own motors.
+    """Return the commanded gripper openings (n_steps, 1) in motor units.
 
-    The last joint reference is that of the gripper.
+    They are taken from the last joint reference of each control step, which belongs to the gripper.
     """
     jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
     return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])
 
 
 def _noise(record: Record) -> float:
-    """Return the standard deviation of the noise on a record's executed actions, in action units."""
+    """Return the standard deviation of the noise on the executed actions of a record, in action units."""
     demonstrator = record.metadata.demonstrator
     return 0.0 if demonstrator is None else demonstrator.action_noise
 
@@ -87,7 +90,8 @@ def _meant(record: Record) -> np.ndarray:
 def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the intended poses: positions (n_steps, 3) [m] and quaternions (n_steps, 4).
 
-    Raises InvalidInputError if the record has noise and its actions are not deltas of the commanded pose.
+    Raises InvalidInputError if the executed actions contain noise and are not deltas of the commanded pose, since the
+    noise cannot be removed then.
     """
     if not _noise(record):
         return record.commanded_position[1:], record.commanded_quaternion[1:]
@@ -95,7 +99,9 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         problem = (
             f"its {record.metadata.action_space} actions contain noise, which can only be removed from pose deltas"
         )
-        raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
+        raise InvalidInputError(
+            f"record of {record.metadata.task}", problem, "Export it in the action space of the record"
+        )
     positions = record.commanded_position[:-1] + TRANSLATION_PER_UNIT_M * meant[:, :3]
     turns = (ROTATION_PER_UNIT_RAD * meant[:, 3:6]).tolist()
     before = [_quaternion(values) for values in record.commanded_quaternion[:-1]]
@@ -104,14 +110,14 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def commands(gripper: np.ndarray) -> np.ndarray:
-    """Return gripper commands (n,) with each zero replaced by the preceding command, or by -1 (open) at the start."""
+    """Replace each zero in gripper commands (n,) by the command before it. Leading zeros become -1 (open)."""
     signs = np.sign(gripper)
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)
 
 
 def _joint_steps(references: np.ndarray) -> np.ndarray:
-    """Return joint deltas (n, joints) that track joint references (n + 1, joints) within the bounds per step."""
+    """Convert joint references (n + 1, joints) to joint deltas (n, joints) that are clipped to the bounds per step."""
     here, steps = np.array(references[0]), []
     for goal in references[1:]:
         step = np.clip((goal - here) / JOINT_STEP_PER_UNIT_RAD, -1.0, 1.0)
@@ -121,7 +127,10 @@ def _joint_steps(references: np.ndarray) -> np.ndarray:
 
 
 def _pose_steps(record: Record, positions: np.ndarray, quaternions: np.ndarray, *, measured: bool) -> np.ndarray:
-    """Return Cartesian deltas (n, 6) that track poses within the bounds per step."""
+    """Convert tool poses to Cartesian deltas (n, 6) that are clipped to the bounds per step.
+
+    If ``measured`` is True, each delta is relative to the measured pose of the tool instead of the commanded pose.
+    """
     position = np.array(record.commanded_position[0])
     quaternion = _quaternion(record.commanded_quaternion[0])
     steps = []

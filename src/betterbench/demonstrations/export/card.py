@@ -1,4 +1,4 @@
-"""Dataset card: README.md with counts, columns, and commands for training and evaluation."""
+"""Dataset card of an export: a README.md with counts, columns, and commands for training and evaluation."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _FRONT = (
 )
 
 STILL = 1e-3
-"""Difference between the quantiles 0.01 and 0.99 below which a component counts as nearly constant."""
+"""A component counts as nearly constant if its quantiles 0.01 and 0.99 differ by less than this value."""
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
-    """Return the card as Markdown, with front matter for the Hugging Face hub."""
+    """Return the dataset card as Markdown, with the metadata block that the Hugging Face hub reads."""
     source, layout = dataset.source, dataset.layout
     lengths = [len(episode) for episode in dataset.episodes]
     seconds = dataset.frames / dataset.rate_hz
@@ -82,7 +82,10 @@ def _columns(dataset: Dataset, stats: Mapping[str, Stats]) -> list[tuple[str, ..
 
 
 def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
-    """Return a warning about components that are nearly constant."""
+    """Return a warning about state and action components that are nearly constant, as Markdown lines.
+
+    The list is empty if there are no such components.
+    """
     found = []
     for column in (*dataset.layout.states, dataset.layout.action):
         spans = zip(column.components, stats[column.name]["q01"], stats[column.name]["q99"], strict=True)

@@ -1,4 +1,4 @@
-"""Comparison of a data set with the records from which it was exported."""
+"""Comparison of an exported data set with the records from which it was made."""
 
 from __future__ import annotations
 
@@ -28,16 +28,22 @@ from betterbench.records import Record, RunFolder
 from betterbench.tasks import TrialId
 
 MOST_MEAN_ERROR = 4.0
-"""Maximum mean error of an image caused by the video codec, in levels of 255. Typical values are in ``docs/export.md``.
+"""Maximum mean error of an image that the video codec may cause, in levels of 255. Typical values are given in
+``docs/export.md``.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of a check of all files, and of three images per episode and camera (see ``docs/export.md``).
+    """Result of a check of an exported data set.
+
+    All files and three images per episode and camera are compared with the records (see ``docs/export.md``).
 
     Attributes:
-        worst_error: Largest mean image error, in levels of 255; 0 for lossless images.
+        episodes: Number of episodes.
+        frames: Number of frames.
+        pictures: Number of images that were rendered again and compared.
+        worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
     """
 
     episodes: int
@@ -47,13 +53,16 @@ class ExportCheck:
 
 
 def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
-    """Compare a data set with the records of its runs.
+    """Compare a data set with the records of the runs from which it was exported.
 
-    ``on_progress`` is called with the number of episodes done and planned.
+    Args:
+        runs: Folders of the runs.
+        path: Folder or file of the data set.
+        on_progress: Called with the number of checked episodes and the total number.
 
     Raises:
-        InvalidInputError: If a file of the data set is missing, cannot be read or differs from the record.
-        RecordError: If no run has an episode's record, or the record is damaged.
+        InvalidInputError: If a file of the data set is missing, cannot be read or differs from the records.
+        RecordError: If no run contains the record of an episode, or the record is damaged.
     """
     source = _source(path)
     shape = source["layout"]
@@ -63,7 +72,9 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
     form: ImageForm = "png" if path.is_file() else source["images"]
     expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
     found = [_trial(runs, about) for about in episodes]
-    told = any("pairs" in about for about in episodes)  # exports of earlier versions do not contain the pairs of twins
+    told = any(
+        "pairs" in about for about in episodes
+    )  # data sets exported by earlier versions do not list the pairs of twins
     pairs = pairs_of(runs, found) if told else {}
     pictures, worst = 0, 0.0
     with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:
@@ -96,7 +107,7 @@ def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[Le
 
 
 def _shown(drawn: Pictures, run: RunFolder, record: Record, layout: DatasetLayout) -> dict[int, dict[str, np.ndarray]]:
-    """Render three frames of an episode again, and return the images by row and column."""
+    """Render three frames of an episode again. Return the images by frame index and column name."""
     rows = sorted({0, record.n_steps // 2, record.n_steps - 1}) if layout.images else []
     images = shown_images(record, layout, drawn.of(run, record, rows), rows) if rows else ()
     return dict(zip(rows, images, strict=True))
@@ -110,7 +121,7 @@ def _errors(
 ) -> Iterator[float]:
     """Yield the mean error of each image that was rendered again, in levels of 255.
 
-    Raises InvalidInputError if an image is missing or its error exceeds ``most``.
+    Raises InvalidInputError if an image is missing or its mean error is larger than ``most``.
     """
     rows = list(shown)
     for column in shown[rows[0]] if rows else ():
@@ -129,16 +140,16 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return the expected metadata of an episode's record."""
+    """Return the metadata that the data set should contain for an episode."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
 
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
-    """Compare the stored origin with the records and the layout.
+    """Check that the description of a data set's origin agrees with the records and the layout.
 
-    The omitted trials, package version, evaluation command, options digest and file sizes are not checked, because they
-    cannot be derived from the records. The file digests are checked later.
+    The omitted trials, the package version, the evaluation command, the digest of the options and the file sizes are
+    not checked, because they cannot be derived from the records. The digests of the files are checked separately.
     """
     wanted = origin_of(
         expected.dataset.episodes,
@@ -160,7 +171,7 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
 
 
 def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
-    """Compare all files with their stored digests, if the data set has any.
+    """Compare all files with the digests stored in the data set, if it has any.
 
     This includes images that are not rendered again. Changes to the dataset card are allowed.
     """
@@ -173,11 +184,11 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
     for name, digest in told.items():
         with intact(str(path / name)):
             if file_digest(path / name) != digest:
-                raise InvalidInputError(str(path / name), "has changed since it was written", CURE)
+                raise InvalidInputError(str(path / name), "the file has changed since it was written", CURE)
 
 
 def _source(path: Path) -> dict[str, Any]:
-    """Return the stored origin of a data set."""
+    """Read the description of a data set's origin that ``better export`` stored in the data set."""
     try:
         source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]
@@ -192,14 +203,14 @@ def _source(path: Path) -> dict[str, Any]:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        problem = f"is not a data set of better export ({said})"
-        raise InvalidInputError(str(path), problem, "Give the folder or file written by better export") from error
+        problem = f"this is not a data set of better export ({said})"
+        raise InvalidInputError(str(path), problem, "Pass the folder or file that better export wrote") from error
     form: dict[str, Any] = source
     return form
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the index of the run that contains an episode's record, and the trial."""
+    """Return the index of the run that contains the record of an episode, and the trial of the record."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)
@@ -207,12 +218,15 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
             return number, trial
     raise RecordError(
         f"{trial}: none of the given runs has the record of this episode (SHA-256 {about['record'][:12]}...). "
-        "Give all exported runs."
+        "Pass all runs from which the data set was exported."
     )
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean error of an image in levels of 255, or infinity if the image is missing or has another size."""
+    """Return the mean error of an image in levels of 255.
+
+    Return infinity if the image is missing or has another size.
+    """
     if there is None or there.shape != wanted.shape:
         return float("inf")
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

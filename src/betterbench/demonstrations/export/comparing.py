@@ -1,4 +1,4 @@
-"""Comparison of a data set with its expected content, with an error for the first difference."""
+"""Comparison of a data set with its expected content. The error message describes the first difference."""
 
 from __future__ import annotations
 
@@ -15,32 +15,37 @@ from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import parse_json
 
 ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
-"""Function that reads the images of some rows of an episode, given the column name."""
+"""Function that takes the name of an image column and some rows of an episode, and returns the image of each row."""
 
-CURE = "Export it again into another folder"
+CURE = "Export the data set again into another folder"
 
 LEVEL = "a number from 0 to 1"
-"""Placeholder for the expected image statistics, which are not recomputed."""
+"""Placeholder for the expected value of an image statistic, since image statistics are not computed again."""
 
 _CLOSE = 1e-9
-"""Maximum relative difference of a number, because other versions of NumPy may sum in another order."""
+"""Maximum relative difference between two numbers. Other versions of NumPy may sum in another order."""
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Maximum length of a field name in a message, because names come from external files [characters]."""
+"""Maximum number of characters of a field name in a message, since names come from untrusted files."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless a JSON value equals the expected one.
+    """Raise InvalidInputError unless a JSON value equals the expected value.
 
-    Non-integer numbers may differ by rounding. ``where`` names the file and the field.
+    Non-integer numbers may differ by rounding.
+
+    Args:
+        there: Value in the data set.
+        wanted: Expected value.
+        where: Name of the file and the field, for the error message.
     """
     wanted = parse_json(json.dumps(wanted))
     require_equal(_settled(there, wanted), wanted, where)
 
 
 def require_equal(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless two JSON values are exactly equal, including types."""
+    """Raise InvalidInputError unless two JSON values are exactly equal, including their types."""
     found = first_difference(there, wanted, _ROOT)
     if found is None:
         return
@@ -52,14 +57,14 @@ def require_equal(there: object, wanted: object, where: str) -> None:
 
 @contextmanager
 def intact(where: str) -> Iterator[None]:
-    """Convert errors while reading a part of a data set into an InvalidInputError."""
+    """Context manager that raises InvalidInputError if a part of a data set is damaged and cannot be read."""
     try:
         yield
     except BetterError:
         raise
     except _BROKEN as error:
         said = one_line(error, most=_MOST_OF_A_FIELD) or type(error).__name__
-        raise InvalidInputError(where, f"is damaged ({said})", CURE) from error
+        raise InvalidInputError(where, f"it is damaged ({said})", CURE) from error
 
 
 _BROKEN = (
@@ -70,7 +75,11 @@ _BROKEN = (
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Replace numbers close to the expected ones by these, and values that are not JSON by strings."""
+    """Make a value from a data set comparable to the expected JSON value.
+
+    Numbers that are close to the expected number are replaced by it. Values that JSON cannot represent are converted to
+    strings.
+    """
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}
         return {str(name): _settled(value, known.get(name)) for name, value in there.items()}

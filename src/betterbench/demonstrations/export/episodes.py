@@ -1,4 +1,4 @@
-"""Content of a data set, from which the writers of all formats generate files."""
+"""Content of a data set in memory. The writers of all file formats generate their files from it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.errors import RecordError
 
 @dataclass(frozen=True, slots=True)
 class FrameQuestion:
-    """Question about a frame of an episode, with its answer."""
+    """Question about an image of an episode, with its answer."""
 
     row: int
     camera: str
@@ -24,7 +24,14 @@ class FrameQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DatasetEpisode:
-    """Episode of a data set: the folder with its data, its metadata, and the digest of its record."""
+    """Episode of a data set.
+
+    Attributes:
+        folder: Folder with the data of the episode.
+        about: Metadata of the episode.
+        record: SHA-256 of the record from which the episode was made.
+        questions: Questions about frames of the episode.
+    """
 
     folder: Path
     about: Mapping[str, Any]
@@ -37,11 +44,11 @@ class DatasetEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Episodes of a data set in order, with their layout and file format.
+    """Episodes of a data set in order, with their layout and image format.
 
     Attributes:
         train: Number of training episodes, which come before the validation episodes.
-        language: Whether to write LeRobot's language columns.
+        language: Whether LeRobot's language columns are written.
         source: Origin of the data: runs, versions, omitted trials, and the evaluation command.
     """
 
@@ -60,32 +67,32 @@ class Dataset:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """Distinct instructions, numbered by task index."""
+        """Distinct instructions. The index of an instruction in this tuple is its task index in the data set."""
         return tuple(dict.fromkeys(str(episode.about["instruction"]) for episode in self.episodes))
 
     @property
     def subgoals(self) -> tuple[str, ...]:
-        """Distinct subgoals, numbered by subtask index."""
+        """Distinct subgoals. The index of a subgoal in this tuple is its subtask index in the data set."""
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:
-        """Yield the content of each episode. Raises RecordError if a part has been damaged."""
+        """Yield the content of each episode. Raises RecordError if the stored content of an episode is damaged."""
         for episode in self.episodes:
             part = read_part(episode.folder, self.layout)
             if part is None:
-                raise RecordError(f"{episode.folder}: this part was damaged during the export. Run the command again.")
+                raise RecordError(f"{episode.folder}: this episode is damaged or incomplete. Run the export again.")
             yield part
 
 
 def splits(dataset: Dataset) -> dict[str, str]:
-    """Return the ranges of training and validation episodes in LeRobot's notation, without an empty range."""
+    """Return the ranges of training and validation episodes in LeRobot's notation. An empty range is left out."""
     total = len(dataset.episodes)
     ranges = {"train": f"0:{dataset.train}"}
     return ranges if dataset.train == total else ranges | {"validation": f"{dataset.train}:{total}"}
 
 
 def starts(episodes: Sequence[DatasetEpisode]) -> list[int]:
-    """Return the index of each episode's first frame in the data set."""
+    """Return, for each episode, the index of its first frame in the data set."""
     found, begun = [], 0
     for episode in episodes:
         found.append(begun)

@@ -1,4 +1,4 @@
-"""Expected content of a data set, computed from its records in the same way as by the writers."""
+"""Expected content of a data set. It is computed from the records in the same way as when the data set is written."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks import TrialId
 
 
 class ExpectedDataset:
-    """Expected episodes of a data set without images and questions, added record by record."""
+    """Expected episodes of a data set, without images and questions. Records are added one at a time."""
 
     def __init__(self, path: Path, layout: DatasetLayout, form: ImageForm) -> None:
         self.path, self.layout, self.form = path, layout, form
@@ -34,9 +34,16 @@ class ExpectedDataset:
         self._first: list[int] = [0]
 
     def add(self, record: Record, digest: str, numbers: Numbers, pairs: Sequence[str] | None) -> Part:
-        """Add the next episode, and return it without images.
+        """Add the next episode, and return its expected content without images.
 
-        Raises InvalidInputError if its control rate differs from that of earlier episodes.
+        Raises InvalidInputError if the record has a different control rate than the earlier records.
+
+        Args:
+            record: Record of the episode.
+            digest: SHA-256 of the record.
+            numbers: Numeric columns of the episode, i.e. all columns except the images.
+            pairs: Ids of the pairs of twins (demonstrations with the same initial state and different instructions)
+                that the episode belongs to; None if the data set does not list pairs.
         """
         rate, before = round(record.metadata.control_rate_hz), self.dataset.episodes
         if before and rate != self.dataset.rate_hz:
@@ -55,23 +62,27 @@ class ExpectedDataset:
         return part
 
     def first(self, number: int) -> int:
-        """Return the index of an episode's first frame."""
+        """Return the index of an episode's first frame in the data set."""
         return self._first[number]
 
     def divided(self, train: int, where: str, said: str) -> Dataset:
-        """Return the data set with ``train`` training episodes.
+        """Return the expected data set with the first ``train`` episodes for training and the others for validation.
 
-        Raises InvalidInputError, with the text ``said`` from the file ``where``, if no validation share gives this
-        split.
+        Raises InvalidInputError if no fraction of validation episodes gives this division.
+
+        Args:
+            train: Number of training episodes.
+            where: File from which this number was read.
+            said: Quotation of the number from this file, for the error message.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):
-            problem = f"{said}, but no validation share splits {len(trials)} episodes like this"
+            problem = f"{said}, but no validation fraction splits {len(trials)} episodes in this way"
             raise InvalidInputError(where, problem, CURE)
         return replace(self.dataset, train=train)
 
     def episode_stats(self, part: Part) -> dict[str, Stats]:
-        """Return the last episode's statistics, with placeholders for image statistics."""
+        """Return the statistics of the episode that was added last, with placeholders for image statistics."""
         return self._open(episode_stats(self.dataset, part, self._counted))
 
     def stats(self) -> dict[str, Stats]:
@@ -79,7 +90,10 @@ class ExpectedDataset:
         return self._open(self._totals.stats())
 
     def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
-        """Return statistics with placeholders for image statistics, of which only shape and count are known."""
+        """Replace image statistics by placeholders.
+
+        Without images, only their shapes and the image counts are known.
+        """
         levels: Any = [[[LEVEL]]] * 3
         opened = {
             name: {what: value if what == "count" else levels for what, value in stats[name].items()}

@@ -1,4 +1,4 @@
-"""Frames of an episode: observation and action label of each control step."""
+"""Frames of an episode: the observation and the action label of each control step."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from betterbench.records import Record, subgoal_segments
 from betterbench.tasks.interventions import resolve_condition
 
 DONE = "done"
-"""Subgoal name for frames after the last subgoal is met."""
+"""Name of the subgoal in frames after the last subgoal has been met."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """Frames of an episode without images.
+    """Numeric columns of all frames in an episode, i.e. all columns except the images.
 
     Attributes:
-        vectors: (N, size) by column: states and action.
+        vectors: Values (N, size) of each state column and of the action column.
         subgoals: (N,) name of the current subgoal.
     """
 
@@ -34,7 +34,7 @@ class Numbers:
 
 
 def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
-    """Return the numeric columns of all frames. The last state has no action and is left out.
+    """Return the numeric columns of all frames. The last state of the record is left out, because no action follows it.
 
     Raises InvalidInputError if the motion cannot be expressed in the preset's action space.
     """
@@ -64,7 +64,14 @@ def shown_images(
     pictures: Iterator[Mapping[str, np.ndarray]],
     rows: Collection[int] | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Convert camera images to the policy's input images, and yield them by column for some or all frames."""
+    """Convert camera images to the images that the policy receives, and yield the images of each frame by column name.
+
+    Args:
+        record: Record of the episode.
+        layout: Columns of the data set.
+        pictures: Rendered images by camera, for each frame.
+        rows: Frames to convert; None for all frames.
+    """
     observed = (o for o in _observations(record) if rows is None or o.step in rows)
     for seen, views in zip(observed, pictures, strict=True):
         by_key = layout.adapter.images(replace(seen, images=views))
@@ -73,11 +80,10 @@ def shown_images(
 
 
 def active_subgoals(record: Record) -> tuple[str, ...]:
-    """Return the subgoal of each frame in words ("pack burger"), or :data:`DONE` after the last subgoal.
+    """Return the current subgoal of each frame in words ("pack burger"), or :data:`DONE` after the last subgoal.
 
-    The segments are read from the record, or computed from its states.
-
-    Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
+    The subgoal segments are taken from the record or, if it contains none, computed from its states. Raises
+    UnknownNameError if they must be computed, but the task or the condition is unknown.
     """
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
@@ -89,7 +95,7 @@ def active_subgoals(record: Record) -> tuple[str, ...]:
 
 
 def _observations(record: Record) -> Iterator[Observation]:
-    """Yield the policy's observation before each action, without images."""
+    """Yield the observation, without images, that the policy would receive before each action."""
     for state in record.states():
         if state.step < record.n_steps:
             yield observation_of(state, record.metadata.instruction, {})

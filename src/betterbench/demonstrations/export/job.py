@@ -1,8 +1,8 @@
 """Export job: workers write the episodes, and the complete data set is then moved to its path.
 
 All files are written to a hidden folder next to the target, ``.NAME.parts``. A resumed export finds the complete
-episodes there. A single rename moves the finished data set to its path, so it is either complete or absent. The bytes
-depend only on the records and the options.
+episodes there. A single rename moves the finished data set to its path, so the data set is either complete or absent.
+The bytes depend only on the records and the options.
 """
 
 from __future__ import annotations
@@ -49,26 +49,31 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of the export, increased if the same records give different frames."""
+"""Version of the export. It is increased whenever the same records give different frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
-"""File that describes the origin of a data set."""
+"""File in a data set that describes its origin."""
 README = "README.md"
 """Dataset card, which users may edit."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportPlan:
-    """Plan of an export: records, layout, format and output path.
+    """Description of an export: records, columns, file format and output path.
 
     Attributes:
+        runs: Runs that contain the records.
+        selection: Demonstrations to export.
+        layout: Columns of the data set.
+        to: File format.
         out: Folder of the data set, or its file for robomimic.
-        form: Image format; always lossless for robomimic.
-        quality: Render preset; None for the runs' preset.
-        validation: Share of the seeds held out for validation.
-        language: Whether to write LeRobot's language columns, which LeRobot reads from version 0.6.
-        questions: Folder of a question set about the frames, or None.
-        overwrite: Whether to replace another data set of betterbench, or for robomimic any other file.
+        form: Image format, which is always lossless for robomimic.
+        quality: Render preset; None for the preset of the runs.
+        validation: Fraction of the seeds whose demonstrations are held out for validation.
+        language: Whether to write LeRobot's language columns, which LeRobot reads from version 0.6 on.
+        questions: Folder of a set of questions about the frames; None to export no questions.
+        overwrite: Whether to replace another data set of betterbench at the output path. If the output is a robomimic
+            file, any other file at this path is replaced too.
     """
 
     runs: Sequence[RunFolder]
@@ -86,7 +91,17 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """Result of an export: the data set's path, and its number of episodes, frames and bytes."""
+    """Result of an export.
+
+    Attributes:
+        path: Folder or file of the data set.
+        episodes: Number of episodes.
+        frames: Number of frames.
+        bytes: Size of all files [byte].
+        made: Number of episodes that were written by this call.
+        left_out: Number of trials that were left out, by reason.
+        evaluate: Command that evaluates a policy trained on the data set.
+    """
 
     path: Path
     episodes: int
@@ -98,14 +113,17 @@ class Exported:
 
 
 def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount | None = None) -> Exported:
-    """Write a data set, or finish an interrupted export.
+    """Export a data set, or finish an interrupted export.
 
     The bytes depend only on the plan, not on the number of workers.
 
-    ``on_progress`` is called with the number of episodes done and planned.
+    Args:
+        plan: Records, columns, file format and output path.
+        workers: Number of worker processes.
+        on_progress: Called with the number of exported episodes and the total number.
 
     Raises:
-        RunConflictError: If the path has other files, or another process is exporting to it.
+        RunConflictError: If there are other files at the path, or another process is exporting to it.
         RecordError: If a record or a stored scene is missing or damaged.
         InvalidInputError: If the options contradict each other or the records.
         StorageError: If the disk is full.
@@ -116,9 +134,9 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
     if out.is_symlink() and not out.exists():
-        raise RunConflictError(f"{out}: is a broken symbolic link. Remove it, or choose another path.")
+        raise RunConflictError(f"{out}: this is a broken symbolic link. Remove it, or choose another path.")
     if staging.is_symlink():
-        raise RunConflictError(f"{staging}: is a symbolic link. Remove it.")
+        raise RunConflictError(f"{staging}: this is a symbolic link. Remove it.")
     with on_disk(out):
         if out.exists() and not _is_replaced(plan, out, identity):
             told = _finished(plan, out, identity, quality)
@@ -137,7 +155,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
 
 
 def _checked(plan: ExportPlan) -> ExportPlan:
-    """Return the plan with the settings required by its format. Raises InvalidInputError for conflicting options."""
+    """Return the plan with the settings that its file format requires. Raises InvalidInputError if options conflict."""
     if plan.to == "robomimic":
         require_h5py()
         plan = replace(plan, form="png")
@@ -147,7 +165,7 @@ def _checked(plan: ExportPlan) -> ExportPlan:
         )
     if not 0.0 <= plan.validation < 1.0:
         raise InvalidInputError(
-            "--validation", f"{plan.validation:g} is out of range", "Give a share from 0 to below 1"
+            "--validation", f"{plan.validation:g} is out of range", "Use a fraction of at least 0 and less than 1"
         )
     if plan.form == "video":
         for column in plan.layout.images:
@@ -156,20 +174,22 @@ def _checked(plan: ExportPlan) -> ExportPlan:
 
 
 def _quality(plan: ExportPlan) -> str:
-    """Return the name of the render preset. Raises InvalidInputError if none is given and the runs differ."""
+    """Return the name of the render preset. Raises InvalidInputError if the plan names none and the runs differ."""
     if plan.quality is not None:
         return quality_preset(plan.quality).name
     forms = [run.plan.get("quality", "standard") for run in plan.runs]
     names = sorted({str(form.get("name") if isinstance(form, dict) else form) for form in forms})
     if len(names) > 1:
         raise InvalidInputError(
-            "--quality", f"the runs were rendered as {', '.join(names)}", "Give one of them to export"
+            "--quality",
+            f"the runs were rendered with different presets: {', '.join(names)}",
+            "Choose one of them with --quality",
         )
     return quality_preset(names[0]).name
 
 
 def _identity(plan: ExportPlan, quality: str) -> str:
-    """Return a digest of all inputs that determine a data set's bytes."""
+    """Return a digest of all inputs that determine the bytes of a data set."""
     form = {
         "version": EXPORT_VERSION,
         "to": plan.to,
@@ -191,7 +211,11 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the twin pairs that each demonstration belongs to, by run index and trial."""
+    """Return the ids of the pairs of twins that each demonstration belongs to, by run index and trial.
+
+    Twins are demonstrations with the same initial state and different instructions. Only pairs of which both
+    demonstrations are exported are listed.
+    """
     found: dict[tuple[int, TrialId], list[str]] = {}
     for number, run in enumerate(runs):
         chosen = {trial for of, trial in demonstrations if of == number}
@@ -203,7 +227,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings that determine an episode's frames, in addition to the record."""
+    """Return the settings that determine how the frames of a given record are exported."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -214,14 +238,17 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 
 
 def _remove_leftover(staging: Path) -> None:
-    """Remove leftovers of a killed process, unless another process is exporting to the same path with other options."""
+    """Remove the hidden folder of a killed process, unless another process is exporting to the same path."""
     if staging.is_dir():
         with contextlib.suppress(RunConflictError, OSError), RunLock(staging / LOCK_NAME):
             shutil.rmtree(staging, ignore_errors=True)
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the destination, if any; raise RunConflictError for other files."""
+    """Return the data set at the output path if it was finished with the same plan.
+
+    Otherwise raise RunConflictError.
+    """
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -231,7 +258,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
     if told is None or there != identity:
         if there:
             raise RunConflictError(
-                f"{out}: another data set already exists here. Give --overwrite to replace it, or choose another name."
+                f"{out}: another data set already exists here. Pass --overwrite to replace it, or choose another name."
             )
         if out.is_dir():
             raise RunConflictError(
@@ -240,24 +267,30 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
             )
         require_replaceable(out, "export", is_ours=lambda _: False)
         raise RunConflictError(f"{out}: an empty file already exists here. Remove it, or choose another name.")
-    again = "Move the data set away and run the command again"
+    again = "Rename or delete the data set, and run the command again"
     if plan.to == "robomimic":
         require_same_content(out, cure=again)
     elif not digests:
-        logger.warning("%s: it was written by an earlier version without digests, so changes cannot be detected", out)
+        logger.warning(
+            "%s: an earlier version wrote this data set without digests of its files, so changes cannot be detected",
+            out,
+        )
     lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
-        raise RunConflictError(f"{out / lost}: is missing or has changed since it was written. {again}.")
+        raise RunConflictError(f"{out / lost}: the file is missing or has changed since it was written. {again}.")
     return told
 
 
 def _digest(file: Path) -> str | None:
-    """Return the SHA-256 of a file, or None if there is none."""
+    """Return the SHA-256 of a file. Return None if the file does not exist."""
     return file_digest(file) if file.is_file() else None
 
 
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
-    """Return whether to replace the content of the path. This requires ``overwrite``, and a folder must be ours."""
+    """Return whether the content of the output path is to be replaced.
+
+    This requires ``overwrite``. A folder must also contain a data set of betterbench.
+    """
     if not plan.overwrite or out.is_symlink():
         return False
     there = None
@@ -267,7 +300,7 @@ def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
-    """Return the stored origin of a data set."""
+    """Read the description of a data set's origin from its files."""
     if to == "robomimic":
         from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
@@ -276,14 +309,19 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Return the stored origin of a data set; raise RunConflictError if it was changed, OSError if it is missing."""
+    """Read the description of a data set's origin from its folder.
+
+    Raises:
+        RunConflictError: If the file that describes the origin was changed.
+        OSError: If the file is missing.
+    """
     file = folder / SOURCE_FILE
-    cure = "Move the data set away and export it again"
+    cure = "Rename or delete the data set, and export it again"
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
-    """Write the missing parts, and return their number."""
+    """Write the episodes that are still missing from the hidden folder, and return their number."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
 
     def make(pictures: Pictures, folder: Path) -> None:
@@ -294,7 +332,7 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
         write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
 
     def work(missing: Iterable[Path]) -> Iterator[None]:
-        # consecutive trials share a scene, and opening a scene takes longer than rendering an image
+        # Trials with the same scene are rendered in a row, because opening a scene takes longer than an image.
         order = sorted(missing, key=lambda f: (wanted[f].scene_hash, wanted[f].trial, wanted[f].run))
         cameras = plan.layout.cameras
         return in_threads(order, make, workers=workers, open_resource=lambda: Pictures(cameras, quality))
@@ -312,11 +350,11 @@ def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
 def _check_rate(record: Record) -> None:
     rate = record.metadata.control_rate_hz
     if abs(rate - round(rate)) > 1e-9:
-        raise InvalidInputError("control rate", f"{rate:g} Hz is not an integer", "Record at 20 Hz")
+        raise InvalidInputError("control rate", f"{rate:g} Hz is not an integer", "Record at 20 Hz instead")
     if record.n_steps < 2:
         m = record.metadata
         raise RecordError(
-            f"{m.task}/{m.condition}/{m.seed}: has {record.n_steps} steps, which is too few for an episode."
+            f"{m.task}/{m.condition}/{m.seed}: the record has {record.n_steps} steps, which is too few for an episode."
         )
 
 
@@ -347,7 +385,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Assemble the data set from the parts, training episodes first."""
+    """Collect the exported episodes into a data set. The training episodes come first."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -356,12 +394,14 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         folder = _part_folder(staging, plan, quality, d)
         index = read_index(folder)
         if index is None:
-            raise RecordError(f"{folder}: this part was damaged during the export. Run the command again.")
+            raise RecordError(f"{folder}: this episode is damaged or incomplete. Run the export again.")
         rates.add(round(index.about["control_rate_hz"]))
         about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
-        raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export the runs one by one")
+        raise InvalidInputError(
+            "control rate", f"it differs between runs: {sorted(rates)} Hz", "Export these runs one by one"
+        )
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
     ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])
@@ -372,9 +412,10 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the validation seeds. All conditions of a seed share its layout, so they are held out together.
+    """Choose the seeds that are held out for validation. At least one seed remains for training.
 
-    At least one seed remains for training.
+    Conditions with the same seed have the same object layout. Therefore all demonstrations with a held-out seed are
+    held out.
     """
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
@@ -389,7 +430,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return the stored origin of a data set, without file sizes."""
+    """Return the description of a data set's origin that is stored in the data set. The file sizes are added later."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,
@@ -408,9 +449,10 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether a validation share exists for which the first ``train`` trials are the training trials.
+    """Return whether an export could have used the first ``train`` trials for training and the others for validation.
 
-    The share is not stored. All trials of a held-out seed are held out, and they come last.
+    All trials with a held-out seed are held out, and they come last. The fraction of held-out seeds is not stored in
+    the data set. The function therefore returns True if any fraction leads to this division.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -420,9 +462,10 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 
 
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
-    """Return the command that evaluates a policy trained on a layout, without the policy's address.
+    """Return the command that evaluates a policy trained on a layout. The policy address in it is a placeholder.
 
-    It evaluates the full suite if all its tasks are demonstrated, and otherwise a few trials of the demonstrated tasks.
+    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. Otherwise it
+    evaluates a few trials of the demonstrated tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]
@@ -441,7 +484,8 @@ def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[st
         words.append("--suite better60")
     else:
         words.append(f"--tasks {' '.join(map(shell_word, sorted(set(tasks))))} --trials 3")
-    words += map(shell_word, options_by_name(tasks))  # data sets are shared, and other users keep these files elsewhere
+    # Task files are given by name, because other users of the data set keep them in other folders.
+    words += map(shell_word, options_by_name(tasks))
     return " ".join([*words, "--out RUN"])
 
 

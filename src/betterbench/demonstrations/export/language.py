@@ -17,10 +17,10 @@ PERSISTENT, EVENTS = "language_persistent", "language_events"
 
 
 def language_columns(dataset: Dataset, number: int, part: Part) -> dict[str, pa.Array]:
-    """Return the two columns of an episode.
+    """Return the two language columns of an episode.
 
     ``language_persistent`` contains all subgoals with their start times [s], repeated in every frame.
-    ``language_events`` contains the questions and answers about each frame, with the name of the image column.
+    ``language_events`` contains the questions about each frame with their answers, and the name of the image column.
     """
     times = (np.arange(len(part)) / dataset.rate_hz).astype(np.float32)
     changes = [row for row in range(len(part)) if row == 0 or part.subgoals[row] != part.subgoals[row - 1]]
@@ -47,7 +47,7 @@ def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
 
 
 def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
-    """Return the Arrow type of a column entry, with ``call`` as the type of its tool calls."""
+    """Return the Arrow type of one entry in a language column. ``call`` is the type of the entry's tool calls."""
     fields = [pa.field("role", pa.string(), nullable=False)]
     fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
     fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []

@@ -1,7 +1,7 @@
-"""Columns of a data set: inputs and outputs of a policy preset, under the names that the trainer expects.
+"""Columns of a data set: the inputs and outputs of a policy preset, under the names that the trainer expects.
 
-Every column is computed by the policy's adapter, so a policy is trained on exactly the inputs that ``better eval``
-sends.
+Every column is computed by the adapter of the policy preset, so a policy is trained on exactly the inputs that ``better
+eval`` sends.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets, in the order of the search for the cameras of a layout."""
+"""Observation presets, in the order in which they are searched for the cameras that a layout needs."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
-"""Columns that a trainer's configuration requires but the policy does not use, as copies of another column.
+"""Columns that the configuration of a trainer requires although the policy does not use them. They are copies of
+another column.
 
 openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its policy does not use.
 """
@@ -40,7 +41,7 @@ openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its p
 
 @dataclass(frozen=True, slots=True)
 class ImageColumn:
-    """Image column: name, key in the policy's request, camera, and size [pixel]."""
+    """Image column of a data set: name, key of the image in the policy's request, camera, and image size [pixel]."""
 
     name: str
     key: tuple[str, ...]
@@ -51,7 +52,7 @@ class ImageColumn:
 
 @dataclass(frozen=True, slots=True)
 class VectorPart:
-    """Range ``start`` to ``end`` of a column's components, with its key in a request or reply."""
+    """Components ``start`` to ``end`` of a vector column, with the key of this part in a policy's request or reply."""
 
     key: tuple[str, ...]
     start: int
@@ -59,13 +60,13 @@ class VectorPart:
 
     @property
     def name(self) -> str:
-        """Name without prefix, as in GR00T's modality.json."""
+        """Name of this part without prefix, as in GR00T's modality.json."""
         return name_of(self.key).replace("/", "_")
 
 
 @dataclass(frozen=True, slots=True)
 class VectorColumn:
-    """Vector column, with the names of its components."""
+    """Column of vectors, with the names of their components."""
 
     name: str
     parts: tuple[VectorPart, ...]
@@ -74,7 +75,7 @@ class VectorColumn:
 
     @property
     def size(self) -> int:
-        """Number of its components."""
+        """Number of components."""
         return len(self.components)
 
 
@@ -84,8 +85,8 @@ class DatasetLayout:
 
     Attributes:
         adapter: Adapter that computes the columns.
-        observation: Observation preset for evaluating the policy (``better eval --observation``).
-        copies: Image columns that repeat another column.
+        observation: Observation preset with which the policy is evaluated (``better eval --observation``).
+        copies: Image columns that repeat another column, each as the name of the copy and the name of the original.
         robot: Name of the robot.
     """
 
@@ -99,18 +100,18 @@ class DatasetLayout:
 
     @property
     def cameras(self) -> tuple[CameraSpec, ...]:
-        """The cameras to render."""
+        """Cameras to render."""
         shown = {column.camera for column in self.images}
         return tuple(camera for camera in self.observation.cameras if camera.name in shown)
 
     @property
     def all_images(self) -> dict[str, ImageColumn]:
-        """All image columns by name, including repeated ones."""
+        """All image columns by name, including those that repeat another column."""
         by_name = {column.name: column for column in self.images}
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with the adapter and the content of each column."""
+        """Return the adapter and the content of each column as a JSON-serializable dict."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
@@ -124,15 +125,18 @@ class DatasetLayout:
 
 
 def layout_of(name: str, observation: str | None = None, *, robot: str | None = None) -> DatasetLayout:
-    """Return the layout of a preset.
+    """Return the columns that a policy preset defines.
 
-    ``observation`` is the observation preset for evaluating the policy, by default the first preset with all required
-    cameras. ``robot`` is the robot in the records, by default one that supports the preset's actions.
+    Args:
+        name: Name of the policy preset.
+        observation: Observation preset with which the policy is evaluated. The default is the first preset that has all
+            required cameras.
+        robot: Robot in the records. The default is a robot that supports the actions of the policy preset.
 
     Raises:
-        UnknownNameError: If the preset does not exist, or the robot does not support its actions.
-        InvalidInputError: If only another world supports its actions, or the observation preset lacks a required
-            camera.
+        UnknownNameError: If the policy preset does not exist, or the robot does not support its actions.
+        InvalidInputError: If the actions can only be executed in another simulator, or the observation preset lacks a
+            required camera.
     """
     adapter = own_preset(name)
     robot = robot or robot_of_space(adapter.answer.space).name
@@ -150,7 +154,7 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
 
 
 def robot_of_runs(runs: Sequence[RunFolder]) -> str:
-    """Return the name of the robot in some runs. Raises InvalidInputError if the runs differ."""
+    """Return the name of the robot in the given runs. Raises InvalidInputError if the runs have different robots."""
     names = sorted({str(run.plan.get("robot", USUAL_ROBOT)) for run in runs})
     if len(names) > 1:
         raise InvalidInputError(
@@ -165,14 +169,16 @@ def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
         spec = observation_spec(known)
         if spec.cameras and set(wanted) <= {camera.name for camera in spec.cameras}:
             return spec
-    problem = f"{name or 'no observation preset'} does not render all of the cameras {', '.join(wanted) or 'at all'}"
+    problem = f"{name or 'every observation preset'} lacks one of the cameras ({', '.join(wanted) or 'at least one'})"
     raise InvalidInputError(
-        "--observation", f"{problem} of the preset {adapter.name}", "Leave out --observation, or give another preset"
+        "--observation",
+        f"{problem} that the preset {adapter.name} needs",
+        "Leave out --observation, or use another preset",
     )
 
 
 def _shown_size(rule: ImageRule, camera: CameraSpec) -> tuple[int, int]:
-    """Return width and height of an image in the policy's request."""
+    """Return the width and height of an image in the policy's request."""
     turned = rule.turn in (90, 270)
     width, height = (camera.height, camera.width) if turned else (camera.width, camera.height)
     return rule.width or width, rule.height or height
@@ -183,13 +189,16 @@ def _is_openpi(name: str) -> bool:
 
 
 def _image_name(adapter: str, key: tuple[str, ...]) -> str:
-    """Return the column name of an image, as in openpi or LeRobot."""
+    """Return the name of an image column, as openpi or LeRobot would name it."""
     bare = name_of(key).removeprefix(IMAGES).rpartition("/")[2]
     return bare if _is_openpi(adapter) else IMAGES + bare
 
 
 def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
-    """Return the state columns. There is one for all state parts, or one per part where the trainer requires it."""
+    """Return the state columns.
+
+    There is one column for all parts of the state, or one per part if the trainer needs that.
+    """
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []
@@ -206,20 +215,23 @@ def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
 
 
 def _components(rule: StateRule, joints: int) -> tuple[str, ...]:
-    """Return the component names of a state for the given number of arm joints."""
+    """Return the names of a state's components, for a robot with the given number of arm joints."""
     sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns(joints)]
     return tuple(name for part, size in sizes for name in _part_names(part, size))
 
 
 def _part_names(part: str, size: int) -> tuple[str, ...]:
-    """Return the component names of a state part. Components in motor units have the names of the motors."""
+    """Return the names of the components in one part of a state.
+
+    Components in motor units have the names of the motors.
+    """
     if part in ROBOT_ACTION_SPACES:
         return ROBOT_ACTION_SPACES[part].components
     return (part,) if size == 1 else tuple(f"{part}.{i}" for i in range(size))
 
 
 def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
-    """Return the component names of one part of an answer."""
+    """Return the names of the components in one part of the policy's answer."""
     axes = {"axis_angle": ("rx", "ry", "rz"), "rpy": ("roll", "pitch", "yaw")}
     turns = axes.get(answer.rotation) or tuple(f"rotation.{i}" for i in range(ROTATION_SIZES[answer.rotation]))
     kind, _, axis = part.kind.partition("_")
@@ -238,7 +250,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
 
 
 def _action(adapter: Adapter) -> VectorColumn:
-    """Return the action column, which contains the replies expected from the policy."""
+    """Return the action column. It contains the answers that the policy is expected to give."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
         parts.append(VectorPart(key, len(names), len(names) + size))

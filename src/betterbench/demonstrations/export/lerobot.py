@@ -1,4 +1,4 @@
-"""Writer of LeRobot data sets of version 3.0, with functions shared with version 2.1.
+"""Writer of LeRobot data sets of version 3.0. Some functions are shared with the writer of version 2.1.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -27,10 +27,10 @@ from betterbench.quoting import json_text
 from betterbench.sim.robots import robot
 
 CHUNK_FILES = 1000
-"""Maximum number of files in a folder ``chunk-NNN``."""
+"""Maximum number of files in each folder ``chunk-NNN``."""
 
 MOST_FILE_BYTES = 100 * 1024 * 1024
-"""Maximum size of a frame file before compression, and of a video file [byte]. Episodes are not split."""
+"""Maximum size of a frame file before compression, and of a video file [byte]. An episode is never split."""
 
 SUBTASK = "subtask_index"
 
@@ -41,7 +41,7 @@ COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", 
 
 
 def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
-    """Return the entry of each column in ``meta/info.json``."""
+    """Return the description of each column in ``meta/info.json``."""
     found: dict[str, dict[str, Any]] = {}
     for name, image in dataset.layout.all_images.items():
         shape = [image.height, image.width, 3]
@@ -71,7 +71,14 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
 
 
 def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.Table:
-    """Return an episode's frames as a table with LeRobot's columns. ``first`` is the index of its first frame."""
+    """Return the frames of an episode as a table with LeRobot's columns.
+
+    Args:
+        dataset: The data set.
+        number: Index of the episode.
+        part: Content of the episode.
+        first: Index of the episode's first frame in the data set.
+    """
     rows = len(part)
     columns: dict[str, pa.Array] = {}
     for name, files in part.pngs.items():
@@ -88,7 +95,11 @@ def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.
 
 
 def counters(dataset: Dataset, number: int, part: Part, *, first: int) -> dict[str, np.ndarray]:
-    """Return the index columns: time [s], frame, episode, frame of the data set, instruction and subgoal."""
+    """Return the time and index columns of an episode.
+
+    The columns are ``timestamp`` [s], ``frame_index`` (in the episode), ``episode_index``, ``index`` (in the data set),
+    ``task_index`` (of the instruction) and the index of the subgoal.
+    """
     rows, subgoals = len(part), {name: i for i, name in enumerate(dataset.subgoals)}
     task = dataset.instructions.index(str(dataset.episodes[number].about["instruction"]))
     return {
@@ -102,13 +113,13 @@ def counters(dataset: Dataset, number: int, part: Part, *, first: int) -> dict[s
 
 
 def episode_stats(dataset: Dataset, part: Part, counted: Mapping[str, np.ndarray]) -> dict[str, Stats]:
-    """Return the statistics of an episode by column."""
+    """Return the statistics of each column in one episode."""
     found = {name: image_stats(part.levels[name], part.sampled) for name in dataset.layout.all_images}
     return found | {name: vector_stats(values) for name, values in {**part.vectors, **counted}.items()}
 
 
 class Totals:
-    """Accumulator for the statistics of a complete data set."""
+    """Accumulator for the statistics of a complete data set. Episodes are added one at a time."""
 
     def __init__(self) -> None:
         self._vectors: dict[str, list[np.ndarray]] = {}
@@ -124,15 +135,15 @@ class Totals:
         self._sampled += part.sampled
 
     def stats(self) -> dict[str, Stats]:
-        """Return the statistics by column. Quantiles are computed over all frames instead of averaged over episodes."""
+        """Return the statistics of each column. Quantiles are computed over all frames, not averaged over episodes."""
         found = {name: image_stats(levels, self._sampled) for name, levels in self._levels.items()}
         return found | {name: vector_stats(np.concatenate(values)) for name, values in self._vectors.items()}
 
 
 def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
-    """Write a data set of version 3.0 into an empty folder, and return its statistics.
+    """Write a data set of version 3.0 into an empty folder, and return the statistics of its columns.
 
-    Raises RecordError if a part is damaged, and OSError if a file cannot be written.
+    Raises RecordError if the content of an episode is damaged, and OSError if a file cannot be written.
     """
     first, totals, rows = starts(dataset.episodes), Totals(), list[dict[str, Any]]()
     frames = _FrameFiles(folder)
@@ -163,12 +174,12 @@ def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def json_bytes(form: object) -> bytes:
-    """Return the bytes of an indented JSON file."""
+    """Serialize a value as indented JSON."""
     return (json_text(form, indent=4, allow_nan=False) + "\n").encode()
 
 
 def info_v30(dataset: Dataset) -> dict[str, Any]:
-    """Return ``meta/info.json``."""
+    """Return the content of ``meta/info.json``."""
     return {
         "codebase_version": "v3.0",
         "robot_type": robot(dataset.layout.robot).dataset_type,
@@ -189,9 +200,9 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 
 
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
-    """Return an episode's row in ``meta/episodes`` without locations and statistics.
+    """Return the row of an episode in ``meta/episodes``, without file locations and statistics.
 
-    The names of our own fields begin with ``better/``.
+    The names of fields that LeRobot does not define begin with ``better/``.
     """
     episode = dataset.episodes[number]
     about = episode.about
@@ -210,31 +221,40 @@ def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
 
 
 def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the ``meta/episodes`` fields for the statistics of an episode."""
+    """Return the statistics of an episode as fields of ``meta/episodes``."""
     return {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
 
 
 def file_fields(kind: str, number: int) -> dict[str, int]:
-    """Return the fields of ``meta/episodes`` for the number of an episode's file.
+    """Return the fields of ``meta/episodes`` that tell in which file an episode is stored.
 
-    ``kind`` is "data" or "videos/COLUMN".
+    Args:
+        kind: "data" or "videos/COLUMN".
+        number: Index of the file.
     """
     return {f"{kind}/chunk_index": number // CHUNK_FILES, f"{kind}/file_index": number % CHUNK_FILES}
 
 
 def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, float]:
-    """Return the ``meta/episodes`` fields with the times [s] at which an episode begins and ends in a video."""
+    """Return the fields of ``meta/episodes`` that tell when an episode begins and ends in its video.
+
+    Args:
+        kind: "videos/COLUMN".
+        begun: Index of the first frame in the video.
+        ended: Index after the last frame.
+        rate_hz: Frame rate [Hz].
+    """
     return {f"{kind}/from_timestamp": begun / rate_hz, f"{kind}/to_timestamp": ended / rate_hz}
 
 
 def file_name(kind: str, number: int) -> str:
-    """Return the name of a frame or video file."""
+    """Return the name of a frame file (``kind`` "data") or a video file (``kind`` "videos/COLUMN"), by its index."""
     ending = "parquet" if kind == "data" else "mp4"
     return f"{kind}/chunk-{number // CHUNK_FILES:03d}/file-{number % CHUNK_FILES:03d}.{ending}"
 
 
 class _Files:
-    """Numbered files of one kind."""
+    """Base of the writers that distribute the episodes over numbered files of one kind (frames or videos)."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -243,7 +263,7 @@ class _Files:
 
 
 class _FrameFiles(_Files):
-    """Writer of the frame files, with one row group per episode."""
+    """Writer of the frame files. Each episode becomes one row group of a Parquet file."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__("data")
@@ -251,7 +271,7 @@ class _FrameFiles(_Files):
         self._tables: list[pa.Table] = []
 
     def add(self, table: pa.Table) -> dict[str, int]:
-        """Add an episode, and return the fields with its location."""
+        """Add an episode, and return the fields that tell where it is stored."""
         if self._tables and self._bytes + table.nbytes > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -260,7 +280,7 @@ class _FrameFiles(_Files):
         return file_fields(self._kind, self._number)
 
     def close(self) -> None:
-        """Write the collected episodes."""
+        """Write the collected episodes to a file."""
         buffer = io.BytesIO()
         with pq.ParquetWriter(buffer, self._tables[0].schema, compression="snappy") as writer:
             for table in self._tables:
@@ -270,7 +290,7 @@ class _FrameFiles(_Files):
 
 
 class _VideoFiles(_Files):
-    """Writer of the video files of one camera column. Each file contains several consecutive episodes."""
+    """Writer of the video files of one image column. Each file contains several consecutive episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
         super().__init__(f"videos/{column}")
@@ -279,7 +299,7 @@ class _VideoFiles(_Files):
         self._pictures = 0
 
     def add(self, video: bytes, pictures: int) -> dict[str, Any]:
-        """Add an episode, and return the fields with its file and its times in the video [s]."""
+        """Add an episode, and return the fields with its file and its start and end time in the video [s]."""
         if self._videos and self._bytes + len(video) > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -291,7 +311,7 @@ class _VideoFiles(_Files):
         return file_fields(self._kind, self._number) | times
 
     def close(self) -> None:
-        """Write the collected episodes."""
+        """Write the collected episodes to a file."""
         place = self._folder / file_name(self._kind, self._number)
         write_durably(place, join(self._videos, rate_hz=self._rate_hz))
         self._videos, self._bytes, self._pictures = [], 0, 0
@@ -303,7 +323,7 @@ def _vector(values: np.ndarray, column: VectorColumn) -> pa.Array:
 
 
 def _hub_features(dataset: Dataset) -> dict[str, Any]:
-    """Return the column types in the format of the ``datasets`` library, for earlier readers."""
+    """Return the column types in the format of the ``datasets`` library, which earlier versions of LeRobot read."""
     found: dict[str, Any] = {}
     for name, feature in features(dataset).items():
         if feature["dtype"] in ("video", "language"):
@@ -319,13 +339,16 @@ def _hub_features(dataset: Dataset) -> dict[str, Any]:
 
 
 def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
-    """Return the files of ``meta`` with the instructions and the subgoals by index."""
+    """Return the tables in ``meta`` that list the instructions and the subgoals by index."""
     words = {"task": dataset.instructions, "subtask": dataset.subgoals}
     return {f"meta/{name}s.parquet": _indexed(name, said) for name, said in words.items()}
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table of indices, with the texts as pandas index."""
+    """Return a table of the given texts and their indices.
+
+    The texts form the pandas index of the table, as in LeRobot's files.
+    """
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}
     described = {

@@ -1,4 +1,4 @@
-"""Check of a LeRobot data set against its records, file by file."""
+"""Comparison of a LeRobot data set with the records from which it was made, file by file."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json, read_ordinary
 
 _RANGE = re.compile(r"0:([0-9]{1,9})")
-"""Range of the training episodes in LeRobot's notation."""
+"""Pattern of the range of training episodes in LeRobot's notation."""
 
 
 @dataclass(slots=True)
 class _Frames:
-    """Open frame file, with the number of rows read so far."""
+    """Frame file that is being compared, with the number of rows that have been compared so far."""
 
     name: str
     table: pa.Table
@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of a data set, except images, image statistics, and questions in the language columns.
+    """Check of a LeRobot data set. It does not include images, image statistics, and questions in the language columns.
 
     Attributes:
         listed_in: Folders in which trainers read every Parquet file.
@@ -47,12 +47,12 @@ class LeRobotCheck(ABC):
     listed_in: Sequence[str]
 
     def __init__(self, path: Path, expected: ExpectedDataset, info: Any, listed: Sequence[Any]) -> None:  # noqa: ANN401 - JSON
-        """Initialize the check of a data set.
+        """Prepare the check of a data set.
 
         Args:
-            path: Its folder.
+            path: Folder of the data set.
             expected: Expected content, to which the episodes are added one by one.
-            info: Its ``meta/info.json``.
+            info: Content of ``meta/info.json``.
             listed: Entry of each episode in ``meta``.
         """
         self.path, self.expected, self.info, self.listed = path, expected, info, listed
@@ -60,7 +60,10 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the last added expected episode, and return a reader for its images."""
+        """Compare an episode with the expected episode, which must be the one that was added last.
+
+        Return a reader for its images.
+        """
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)
         wanted = lerobot.frame_table(dataset, number, part, first=first)
@@ -75,7 +78,7 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare the data about the complete data set. Call it after the last episode."""
+        """Compare the data that concern the data set as a whole. Call this method after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
@@ -93,26 +96,26 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the entry of an episode in ``meta``."""
+        """Compare the entry in ``meta`` that describes an episode with the expected entry."""
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare the remaining files of ``meta``."""
+        """Compare the files in ``meta`` that describe the data set as a whole with their expected content."""
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
-        """Return the name of the file with an episode's frames."""
+        """Return the name of the file that contains the frames of an episode."""
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name of an episode's video file, and the index of its first frame in the file."""
+        """Return the name of the video file that contains an episode, and the index of its first frame in the file."""
 
     def same_json(self, file: str, wanted: object) -> None:
-        """Compare a JSON file."""
+        """Compare a JSON file with its expected content."""
         require_match(_json(self.path / file), wanted, str(self.path / file))
 
     def _open(self, name: str, wanted: pa.Table) -> pa.Table:
-        """Read a file of frames, without its questions."""
+        """Read a frame file, leaving out the questions in its language column."""
         with intact(str(self.path / name)), pq.ParquetFile(io.BytesIO(_read(self.path / name))) as file:
             schema = file.schema_arrow
             require_equal(_types(schema), _types(wanted.schema), f"{self.path / name}: columns")
@@ -122,7 +125,7 @@ class LeRobotCheck(ABC):
 
     def _close(self) -> None:
         if self._frames is not None and self._frames.used != len(self._frames.table):
-            problem = f"has {len(self._frames.table)} rows, but {self._frames.used} belong to episodes"
+            problem = f"it has {len(self._frames.table)} rows, but {self._frames.used} belong to episodes"
             raise InvalidInputError(str(self.path / self._frames.name), problem, CURE)
 
     def _pictures(self, number: int, table: pa.Table) -> ReadPictures:
@@ -137,7 +140,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Check of version 3.0. ``meta/episodes`` has the locations of episodes, and trainers count rows over all files."""
+    """Check of a data set of version 3.0, in which ``meta/episodes`` states the file that contains each episode."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -147,7 +150,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare an episode's row in ``meta/episodes``: locations, times and statistics."""
+        """Compare the row of an episode in ``meta/episodes`` with the expected row: locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))
@@ -162,7 +165,11 @@ class CheckOfV30(LeRobotCheck):
         require_match(there, wanted, f"{self.path / lerobot.EPISODES_FILE}: episode {number}")
 
     def _file(self, kind: str, there: Mapping[str, Any]) -> int:
-        """Return the index of an episode's file: that of the previous episode or, if the row says so, the next one."""
+        """Return the index of the file that contains an episode.
+
+        Each episode is in the same file as the previous episode, unless its row in ``meta/episodes`` names the next
+        file.
+        """
         before = self._files.get(kind)
         file = before or 0
         if before is not None and lerobot.file_fields(kind, before + 1).items() <= there.items():
@@ -172,7 +179,7 @@ class CheckOfV30(LeRobotCheck):
         return file
 
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare instructions, subgoals, statistics and ``info.json``."""
+        """Compare instructions, subgoals, statistics and ``info.json`` with the expected content."""
         for file, wanted in lerobot.index_tables(dataset).items():
             with intact(str(self.path / file)):
                 require_match(_index_form(_parquet(self.path / file)), _index_form(wanted), str(self.path / file))
@@ -180,11 +187,11 @@ class CheckOfV30(LeRobotCheck):
         self.same_json("meta/info.json", lerobot.info_v30(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name given in the episode's row."""
+        """Return the file name that the row of the episode in ``meta/episodes`` gives."""
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the video file and first frame from the episode's row in ``meta/episodes``."""
+        """Return the video file and the index of the first frame, using the episode's row in ``meta/episodes``."""
         kind = f"videos/{column}"
         first = round(self.listed[number][f"{kind}/from_timestamp"] * self.expected.dataset.rate_hz)
         return lerobot.file_name(kind, self._number(kind, number)), first
@@ -195,7 +202,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Check of version 2.1. Each episode has its own files."""
+    """Check of a data set of version 2.1, in which each episode has its own files."""
 
     listed_in = ("data",)
 
@@ -204,19 +211,23 @@ class CheckOfV21(LeRobotCheck):
         self._stats = _lines(path / lerobot_v21.EPISODES_STATS_FILE)
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the lines of an episode."""
+        """Compare the lines in ``meta`` that describe an episode with the expected lines."""
         line = lerobot_v21.episode_line(self.expected.dataset, number)
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
         if number >= len(self._stats):
-            raise InvalidInputError(str(file), f"lists only {len(self._stats)} of the episodes", CURE)
+            raise InvalidInputError(str(file), f"it lists only {len(self._stats)} of the episodes", CURE)
         stats = lerobot_v21.stats_line(number, self.expected.episode_stats(part))
         require_match(self._stats[number], stats, f"{file}: line {number + 1}")
 
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare instructions, subgoals, statistics, GR00T's slices and ``info.json``."""
+        """Compare the files in ``meta`` that describe the data set as a whole with their expected content.
+
+        They contain instructions, subgoals and statistics. ``info.json`` and GR00T's ``modality.json`` are also
+        compared.
+        """
         if len(self._stats) != len(self.listed):
-            problem = f"lists {len(self._stats)} episodes, but there are {len(self.listed)}"
+            problem = f"it lists {len(self._stats)} episodes, but there are {len(self.listed)}"
             raise InvalidInputError(str(self.path / lerobot_v21.EPISODES_STATS_FILE), problem, CURE)
         for file, lines in lerobot_v21.index_lines(dataset).items():
             require_match(_lines(self.path / file), lines, str(self.path / file))
@@ -227,11 +238,11 @@ class CheckOfV21(LeRobotCheck):
         self.same_json("meta/info.json", lerobot_v21.info_v21(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name required by the format version."""
+        """Return the name that version 2.1 prescribes for the frame file of an episode."""
         return lerobot_v21.frames_file(number)
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the file name required by the format version. A video file contains one episode."""
+        """Return the name that version 2.1 prescribes for the video of an episode. The episode begins at frame 0."""
         return lerobot_v21.video_file(column, number), 0
 
 
@@ -239,7 +250,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
     """Return the check for a data set of version 2.1 or 3.0.
 
     Raises:
-        InvalidInputError: If a file in ``meta`` is damaged or lists another number of episodes.
+        InvalidInputError: If a file in ``meta`` is damaged, or lists a different number of episodes than expected.
     """
     with intact(str(path / "meta")):
         info = _json(path / "meta/info.json")
@@ -248,15 +259,15 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
         check = (CheckOfV30 if version == "v3.0" else CheckOfV21)(path, expected, info)
     if len(check.listed) != episodes or not all(isinstance(row, dict) for row in check.listed):
         raise InvalidInputError(
-            str(path / "meta"), f"lists {len(check.listed)} episodes, but there are {episodes}", CURE
+            str(path / "meta"), f"it lists {len(check.listed)} episodes, but there are {episodes}", CURE
         )
     return check
 
 
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
-    """Compare the frames of an episode. Of images, only the file names are compared."""
+    """Compare the frames of an episode with the expected frames. For images, only the file names are compared."""
     if len(table) != len(wanted):
-        raise InvalidInputError(where, f"has {len(table)} rows, expected {len(wanted)}", CURE)
+        raise InvalidInputError(where, f"it has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:
         if name == EVENTS:
             continue
@@ -268,26 +279,26 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column, with a uniform name for list items.
+    """Return the type of each column.
 
-    Their original name depends on the Parquet version.
+    The items of list columns have different names in different versions of Parquet, so they are given the same name.
     """
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the relevant content of an index file: rows, types, and the pandas index column."""
+    """Return the parts of an index table that are compared: rows, types, and columns of the pandas index."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 
 
 def _at(video: str, number: int) -> np.ndarray | None:
-    """Return a frame of a video, or None after its end."""
+    """Return a frame of a video. Return None if the video is shorter."""
     found = next(read_pictures(video, first=number), None)
     return found[1] if found is not None and found[0] == number else None
 
 
-def _json(file: Path) -> Any:  # noqa: ANN401 - a stranger's text holds anything
+def _json(file: Path) -> Any:  # noqa: ANN401 - an untrusted file may contain anything
     with intact(str(file)):
         return parse_json(_read(file))
 
@@ -306,4 +317,4 @@ def _read(path: Path) -> bytes:
     try:
         return read_ordinary(path)
     except OSError as error:
-        raise InvalidInputError(str(path), f"cannot be read ({error.strerror})", CURE) from error
+        raise InvalidInputError(str(path), f"the file cannot be read ({error.strerror})", CURE) from error

@@ -1,4 +1,4 @@
-"""Writer of LeRobot data sets of version 2.1, for the trainers of openpi and GR00T, with GR00T's ``modality.json``.
+"""Writer of LeRobot data sets of version 2.1, with ``modality.json`` for GR00T. openpi and GR00T read this version.
 
 Source of the format: huggingface/lerobot at the commit that openpi pins (0cf86487), and Isaac-GR00T,
 ``getting_started/data_preparation.md``.
@@ -36,9 +36,9 @@ _TASK_DESCRIPTION = "human.action.task_description"
 
 
 def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
-    """Write a data set of version 2.1 into an empty folder, and return its statistics.
+    """Write a data set of version 2.1 into an empty folder, and return the statistics of its columns.
 
-    Raises RecordError if a part was damaged, OSError if a file cannot be written.
+    Raises RecordError if the content of an episode is damaged, and OSError if a file cannot be written.
     """
     first, totals = starts(dataset.episodes), Totals()
     episodes, stats = [], []
@@ -65,12 +65,12 @@ def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def frames_file(number: int) -> str:
-    """Return the name of the file with an episode's frames."""
+    """Return the name of the file that contains the frames of an episode."""
     return f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
 
 
 def video_file(column: str, number: int) -> str:
-    """Return the name of an episode's video."""
+    """Return the name of the video of an episode."""
     return f"videos/chunk-{number // CHUNK_FILES:03d}/{column}/episode_{number:06d}.mp4"
 
 
@@ -81,12 +81,12 @@ def episode_line(dataset: Dataset, number: int) -> dict[str, Any]:
 
 
 def stats_line(number: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the line of an episode in ``meta/episodes_stats.jsonl``, without quantiles."""
+    """Return the line of an episode in ``meta/episodes_stats.jsonl``. Quantiles are left out."""
     return {"episode_index": number, "stats": without_quantiles(stats)}
 
 
 def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
-    """Return the files of ``meta`` with the instructions and the subgoals by index."""
+    """Return the files in ``meta`` that list the instructions and the subgoals by index."""
     words = {"task": dataset.instructions, "subtask": dataset.subgoals}
     return {
         f"meta/{name}s.jsonl": [{f"{name}_index": i, name: text} for i, text in enumerate(said)]
@@ -95,12 +95,12 @@ def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
 
 
 def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
-    """Return ``meta/stats.json``, with the two quantiles that openpi and GR00T read."""
+    """Return the content of ``meta/stats.json``. It contains only the two quantiles that openpi and GR00T read."""
     return without_quantiles(whole, kept=("q01", "q99"))
 
 
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
-    """Return GR00T's ``meta/modality.json`` with the names of state and action slices.
+    """Return the content of GR00T's ``meta/modality.json``, which gives names to ranges of state and action components.
 
     The result is None for a layout without the columns that GR00T's loader needs (``observation.state`` and
     ``action``).
@@ -123,7 +123,7 @@ def modality(layout: DatasetLayout) -> dict[str, Any] | None:
 
 
 def info_v21(dataset: Dataset) -> dict[str, Any]:
-    """Return ``meta/info.json``."""
+    """Return the content of ``meta/info.json``."""
     total, videos = len(dataset.episodes), len(dataset.layout.all_images) if dataset.form == "video" else 0
     return {
         "codebase_version": "v2.1",

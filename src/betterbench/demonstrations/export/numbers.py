@@ -1,4 +1,4 @@
-"""Column statistics as in LeRobot data sets, per episode and over all episodes."""
+"""Column statistics as LeRobot stores them, per episode and over all episodes."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""Names and levels of the quantiles stored by LeRobot 0.4 and later."""
+"""Names and levels of the quantiles that LeRobot 0.4 and later versions store."""
 
 MOST_SAMPLED = 32
-"""Maximum number of evenly spaced images per episode used to compute image statistics."""
+"""Maximum number of images per episode from which image statistics are computed. The images are evenly spaced."""
 
 _LEVELS = 256
 
 Stats = dict[str, Any]
-"""Values by name of the statistic. ``count`` is the number of frames."""
+"""Value of each statistic, by name. ``count`` is the number of frames."""
 
 
 def vector_stats(values: np.ndarray) -> Stats:
-    """Return the statistics of a column, (N, size): mean, population standard deviation, quantiles and so on.
+    """Return the statistics of a column (N, size): minimum, maximum, mean, population standard deviation and quantiles.
 
     They are computed in float64. Quantiles are interpolated linearly.
     """
@@ -37,17 +37,22 @@ def vector_stats(values: np.ndarray) -> Stats:
 
 
 def sampled_rows(rows: int) -> set[int]:
-    """Return the rows of an episode whose images are used for the statistics."""
+    """Return the rows of an episode whose images are used for the image statistics."""
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 
 def color_counts(picture: np.ndarray) -> np.ndarray:
-    """Return the histogram of each channel in an image: (3, 256) int64."""
+    """Return the histogram of each color channel in an image, as a (3, 256) int64 array."""
     return np.stack([np.bincount(picture[:, :, c].reshape(-1), minlength=_LEVELS) for c in range(3)])
 
 
 def image_stats(levels: np.ndarray, pictures: int) -> Stats:
-    """Return image statistics from histograms of the levels, (3, 256), in [0, 1], each of shape (3, 1, 1)."""
+    """Return image statistics in [0, 1], each of shape (3, 1, 1), from histograms of the color channels.
+
+    Args:
+        levels: (3, 256) histogram of each color channel over all images.
+        pictures: Number of images.
+    """
     counts = np.asarray(levels, dtype=np.float64)
     values = np.arange(_LEVELS) / (_LEVELS - 1)
     total = counts.sum(axis=1)
@@ -66,7 +71,7 @@ def image_stats(levels: np.ndarray, pictures: int) -> Stats:
 
 
 def without_quantiles(stats: Mapping[str, Stats], *, kept: Sequence[str] = ()) -> dict[str, Stats]:
-    """Return statistics with fewer quantiles, as in version 2.1 of the format."""
+    """Remove quantiles from the statistics, except those in ``kept``. Version 2.1 of the format has no quantiles."""
     return {
         column: {name: value for name, value in found.items() if name not in QUANTILES or name in kept}
         for column, found in stats.items()

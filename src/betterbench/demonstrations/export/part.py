@@ -41,7 +41,7 @@ from betterbench.records import Record
 ImageForm = Literal["video", "png"]
 
 PNG_LEVEL = 3
-"""Level of lossless image compression, 0 to 9."""
+"""Compression level of PNG images, from 0 to 9."""
 
 _INDEX, _NUMBERS = "part.json", "numbers.parquet"
 _SUBGOAL = "subgoal"
@@ -50,15 +50,16 @@ _MAX_INDEX_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Exported episode, independent of the output format.
+    """Exported episode, independent of the file format of the data set.
 
     Attributes:
-        vectors: (N, size) by column.
-        videos: Bytes by image column, for the form "video".
-        pngs: N files by image column, for the form "png".
-        levels: (3, 256) histogram of the sampled images, by image column.
+        vectors: Values (N, size) of each vector column.
+        subgoals: (N,) name of the current subgoal.
+        videos: Video file of each image column, for the image format "video".
+        pngs: N PNG files of each image column, for the image format "png".
+        levels: (3, 256) histogram of the sampled images, for each image column.
         sampled: Number of images that were sampled.
-        about: Episode description from the record.
+        about: Metadata of the episode.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -76,9 +77,11 @@ class Part:
 def write_part(
     folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
 ) -> None:
-    """Export an episode into a folder. Its index is written last, so its presence means that the episode is complete.
+    """Export an episode into a folder.
 
-    Raises OSError, the rendering errors, and the same errors as
+    The index is written last, so a folder with an index contains a complete episode.
+
+    Raises OSError, the errors that the renderer raises, and the errors of
     :func:`~betterbench.demonstrations.export.frames.frame_numbers`.
     """
     shutil.rmtree(folder, ignore_errors=True)
@@ -122,7 +125,7 @@ _Levels = Annotated[
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Images:
-    """Histogram of the sampled images of a column, by channel."""
+    """Histograms of the color channels, computed from the sampled images of one image column."""
 
     levels: _Levels
 
@@ -130,7 +133,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Metadata of an episode that is read from a part, see :func:`about`."""
+    """Metadata of an episode that the export reads back from its folder, see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -142,13 +145,15 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """Index of a part with its files, color histograms and metadata, stored with a seal.
+    """Index of an exported episode: files, color histograms and metadata.
+
+    It is stored with a checksum, so that changes to it are detected.
 
     Attributes:
-        files: SHA-256 of its other files by name.
-        images: Histograms by image column.
-        sampled: Number of images that were counted.
-        about: Episode description from the record, as :func:`about` returns it.
+        files: SHA-256 of the other files of the episode, by file name.
+        images: Color histograms by image column.
+        sampled: Number of images in the histograms.
+        about: Metadata of the episode, as :func:`about` returns it.
     """
 
     files: dict[str, str]
@@ -157,18 +162,20 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a file name contains a path, or metadata are incomplete."""
+        """Raise InvalidInputError if a file name contains a folder, or the metadata are incomplete."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
-            raise InvalidInputError("files", "expected the file names of a part", "Export the part again")
-        read_form(_ABOUT, self.about, where="about", cure="Export the part again")
+            raise InvalidInputError(
+                "files", "these are not the file names of an exported episode", "Export the episode again"
+            )
+        read_form(_ABOUT, self.about, where="about", cure="Export the episode again")
 
 
 _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 
 def read_index(folder: Path) -> PartIndex | None:
-    """Return a part's index, or None if the part is incomplete or damaged."""
-    file, cure = folder / _INDEX, "Export the part again"
+    """Read the index of an exported episode. Return None if the episode is incomplete or damaged."""
+    file, cure = folder / _INDEX, "Export the episode again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
         index = read_form(_PART, open_seal(raw, where=str(file), cure=cure), where=str(file), cure=cure)
@@ -182,7 +189,7 @@ def read_index(folder: Path) -> PartIndex | None:
 
 
 def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
-    """Return a stored episode, or None if it is incomplete or damaged."""
+    """Read an exported episode. Return None if it is incomplete or damaged."""
     index = read_index(folder)
     if index is None:
         return None
@@ -206,7 +213,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return the metadata of an episode in a data set."""
+    """Return the metadata that a data set stores for an episode."""
     m = record.metadata
     return {
         "task": m.task,
@@ -228,14 +235,14 @@ def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
 
 
 def png(picture: np.ndarray) -> bytes:
-    """Encode an image as PNG."""
+    """Encode an image as a PNG file."""
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG", compress_level=PNG_LEVEL)
     return buffer.getvalue()
 
 
 def read_png(data: bytes) -> np.ndarray:
-    """Decode an untrusted PNG file. Raises ValueError if it is damaged or not a PNG file."""
+    """Decode an untrusted PNG file. Raises ValueError if the file is damaged or not a PNG file."""
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.asarray(image)
@@ -244,7 +251,10 @@ def read_png(data: bytes) -> np.ndarray:
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file with one row group. The bytes are reproducible within one installation."""
+    """Return a table as a Parquet file with one row group.
+
+    The same table always gives the same bytes with the same installed packages.
+    """
     buffer = io.BytesIO()
     pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)
     return buffer.getvalue()

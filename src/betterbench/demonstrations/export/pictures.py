@@ -1,4 +1,4 @@
-"""Images of recorded states, identical to those that a policy observes."""
+"""Rendering of recorded states. The images are identical to those that a policy observes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.sim.scenes.limited import LimitedView
 
 
 class Pictures:
-    """Renderer of recorded states with the cameras of an observation preset, in a limited process.
+    """Renderer of recorded states with the cameras of an observation preset.
 
-    A context manager.
+    Rendering happens in a separate process with limited resources. Use the renderer as a context manager.
     """
 
     def __init__(self, cameras: Sequence[CameraSpec], quality: str) -> None:
@@ -34,13 +34,18 @@ class Pictures:
         self.close()
 
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the images by camera, (height, width, 3) uint8, for the given rows or for every row with an action.
+        """Yield, for each row of a record, the images by camera name, (height, width, 3) uint8.
 
         Consume the iterator completely, or close the renderer.
 
+        Args:
+            run: Run that contains the record.
+            record: Record of the episode.
+            rows: Rows of the record to render; None for every row in which an action was taken.
+
         Raises:
             RecordError: If the stored scene is missing or unreadable, or belongs to another record.
-            MissingDependencyError: If no off-screen OpenGL works here.
+            MissingDependencyError: If off-screen OpenGL does not work on this machine.
         """
         self._view.open_of(run, record)
         self._view.prepare(self._views, ("rgb",))
@@ -49,9 +54,9 @@ class Pictures:
             yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}
 
     def stop(self) -> None:
-        """End the process from another thread. The rendering thread then gets a RecordError."""
+        """End the rendering process from another thread. The thread that renders then gets a RecordError."""
         self._view.stop()
 
     def close(self) -> None:
-        """End the process."""
+        """End the rendering process."""
         self._view.close()

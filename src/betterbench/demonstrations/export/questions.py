@@ -1,4 +1,4 @@
-"""Questions about frames, written by ``better vqa``, for the language columns of a data set."""
+"""Questions about frames, made by ``better vqa``, for the language columns of a data set."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from betterbench.vqa.dataset import QuestionSet, read_set
 
 
 def question_set(path: Path) -> QuestionSet:
-    """Return the question set in a folder, or of a JSON lines file. Raises the errors of ``read_set``."""
+    """Read the question set in a folder or in a JSON lines file. Raises the errors of ``read_set``."""
     return read_set(path.parent if path.is_file() else path)
 
 
 def questions_of(
     asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
 ) -> dict[str, tuple[FrameQuestion, ...]]:
-    """Return the questions of a set about some records, by SHA-256 of the record.
+    """Return the questions of a set that are about the given records, by SHA-256 of the record.
 
-    Questions about cameras outside the layout are omitted, and so are questions about boxes and points in resized
-    images. Options of a multiple-choice question are listed with letters below the text.
+    Questions about cameras that are not in the layout are left out. Questions about boxes and points are also left out
+    if the export resizes or rotates the image, because their coordinates would be wrong. The options of a
+    multiple-choice question are listed with letters below the question.
 
     Raises InvalidInputError if no question is left.
     """
@@ -47,13 +48,13 @@ def questions_of(
         for record in about:
             found.setdefault(record, []).append(said)
     if not found:
-        cure = "Give a set made by better vqa from the same run, with its cameras and sizes"
+        cure = "Use a set that better vqa made from the same run, with the same cameras and image sizes"
         raise InvalidInputError("--vqa", f"{asked.path} contains no questions about frames of these episodes", cure)
     return {record: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for record, asked in found.items()}
 
 
 def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:
-    """Return the sizes of the images that are not resized, by camera."""
+    """Return the width and height of images that the export neither resizes nor rotates, by camera."""
     rendered = {camera.name: (camera.width, camera.height) for camera in layout.observation.cameras}
     plain = {rule.camera for rule in layout.adapter.views if not (rule.mirror or rule.turn or rule.keep != 1.0)}
     cameras = [c.camera for c in layout.images if (c.width, c.height) == rendered[c.camera]]

@@ -1,4 +1,4 @@
-"""Writer of robomimic's HDF5 files: lossless images, states and actions of all demonstrations in one file.
+"""Writer of robomimic's HDF5 files. One file contains the lossless images, states and actions of all demonstrations.
 
 Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomimic/utils/dataset.py``.
 """
@@ -25,28 +25,28 @@ from betterbench.installation import missing_extra
 from betterbench.json_form import open_ordinary, parse_json, say_unsealed
 
 GYM_TYPE = 2
-"""Type number of Gym environments in robomimic (``robomimic/envs/env_base.py``)."""
+"""Number that robomimic assigns to Gym environments (``robomimic/envs/env_base.py``)."""
 
 _GZIP = 1
 
 _MOST_PACKED = 1100
-"""Maximum accepted compression ratio of an array. gzip compresses zeros by 1032 to 1."""
+"""Maximum compression ratio of an array that is accepted. gzip compresses zeros by 1032 to 1."""
 _LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 _DIGEST = "better_sha256"
-"""Attribute with the digest of all other content of the file."""
+"""Attribute of the file with the digest of all other content."""
 _SOURCE = "better"
-"""HDF5 data set with the origin, next to ``data``. An attribute would be limited to 64 kB."""
+"""HDF5 data set with the origin, next to ``data``. It is not an attribute, because attributes are limited to 64 kB."""
 
 
 def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
-    """Write the file and return the column statistics. Each image is a gzip-compressed chunk.
+    """Write the HDF5 file, and return the statistics of its columns. Each image is a gzip-compressed chunk.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
-        OSError: If it cannot be written.
+        OSError: If the file cannot be written.
     """
     with open_hdf5(path, "w") as file:
         data = file.create_group("data")
@@ -68,7 +68,13 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
-    """Raise an error if a file has changed since it was written. Log a warning if it has no digest."""
+    """Raise an error if a file has changed since it was written. If the file has no digest, log a warning.
+
+    Args:
+        path: The HDF5 file.
+        cure: Remedy in the error message.
+        raises: Type of the error.
+    """
     try:
         with open_stored(path) as file:
             told = file.attrs.get(_DIGEST)
@@ -76,15 +82,15 @@ def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = R
     except _StrangeError as error:
         raise raises(f"{path}: {error}. {cure}.") from error
     except Exception as error:  # h5py raises various exceptions for a damaged file
-        raise raises(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
+        raise raises(f"{path}: the file is damaged ({type(error).__name__}). {cure}.") from error
     if not same:
-        raise raises(f"{path}: has changed since it was written. {cure}.")
+        raise raises(f"{path}: the file has changed since it was written. {cure}.")
     if told is None:
         say_unsealed(str(path))
 
 
 def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
-    """Return the SHA-256 of the names, attributes, types, shapes and values of all objects in a file."""
+    """Return the SHA-256 of the names, attributes, types, shapes and values of all objects in an HDF5 file."""
     whole = hashlib.sha256()
 
     def attributes(item: Any) -> dict[str, Any]:  # noqa: ANN401 - of h5py
@@ -109,19 +115,19 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
 
 
 class _StrangeError(ValueError):
-    """Raised for content that betterbench does not write."""
+    """Raised if an HDF5 file contains something that betterbench never writes."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an untrusted file for reading. It must not contain links, and must store all of its content itself.
+    """Open an untrusted HDF5 file for reading. The file must not refer to content outside of the file.
 
-    Otherwise, HDF5 would follow links into other files, wait for a named pipe, or fill memory with data that is not
-    stored.
+    Without this check, HDF5 would follow links into other files, wait for a named pipe, or fill the memory with data
+    that the file declares but does not store.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
-        OSError: If it cannot be opened.
-        ValueError: If an object is a link, occurs twice, is stored in another file or is not stored.
+        OSError: If the file cannot be opened.
+        ValueError: If an object is a link, occurs twice, or is not stored in the file.
     """
     open_ordinary(path).close()  # HDF5 would wait for a pipe
     file = open_hdf5(path, "r")
@@ -134,7 +140,7 @@ def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
-    """Raise _StrangeError if :func:`write_robomimic` cannot have written an object."""
+    """Raise _StrangeError if the file contains an object that :func:`write_robomimic` never writes."""
     h5py = _h5py()
     seen, groups = {_address(file)}, [file]
     while groups:
@@ -150,7 +156,7 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return the reason why betterbench cannot have written an object, or an empty string."""
+    """Return the reason why an HDF5 object cannot have been written by betterbench, or "" if it may have been."""
     h5py = _h5py()
     if _address(item) in seen:
         return "is another name of an earlier object"
@@ -167,18 +173,18 @@ def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: AN
 
 
 def _address(item: Any) -> tuple[int, int]:  # noqa: ANN401 - an object of h5py
-    """Return an object's address in its file."""
+    """Return the address of an HDF5 object. It identifies the object within its file."""
     about = _h5py().h5o.get_info(item.id)
     return about.fileno, about.addr
 
 
 def demo_name(number: int) -> str:
-    """Return a demonstration's name in ``data``."""
+    """Return the name of a demonstration in the group ``data``."""
     return f"demo_{number}"
 
 
 def demo_attributes(episode: DatasetEpisode) -> dict[str, Any]:
-    """Return the attributes of a demonstration. ``better`` contains JSON."""
+    """Return the HDF5 attributes of a demonstration. The attribute ``better`` contains JSON."""
     return {
         "num_samples": len(episode),
         "instruction": str(episode.about["instruction"]),
@@ -187,7 +193,7 @@ def demo_attributes(episode: DatasetEpisode) -> dict[str, Any]:
 
 
 def data_attributes(dataset: Dataset) -> dict[str, Any]:
-    """Return the attributes of ``data``. ``env_args`` contains JSON."""
+    """Return the HDF5 attributes of the group ``data``. The attribute ``env_args`` contains JSON."""
     return {"total": dataset.frames, "env_args": json.dumps(_environment(dataset), sort_keys=True)}
 
 
@@ -199,7 +205,7 @@ def masks(dataset: Dataset) -> dict[str, list[str]]:
 
 
 def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
-    """Return all arrays of a demonstration except images, by HDF5 name."""
+    """Return all arrays of a demonstration except the images, by HDF5 name."""
     done = np.zeros(len(part))
     done[-1] = 1.0
     return {
@@ -211,17 +217,22 @@ def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
 
 
 def observation_name(column: str) -> str:
-    """Return a column's name in ``obs``, without the prefixes of LeRobot and betterbench."""
+    """Return the name of a column in the group ``obs``, without the prefixes of LeRobot and betterbench."""
     return column.removeprefix(IMAGES).removeprefix("observation.").removeprefix("better.")
 
 
 def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an HDF5 file. Raises MissingDependencyError without h5py, and OSError if the file cannot be opened."""
+    """Open an HDF5 file.
+
+    Raises:
+        MissingDependencyError: If h5py is not installed.
+        OSError: If the file cannot be opened.
+    """
     return _h5py().File(path, mode, libver="v110" if mode == "w" else None)
 
 
 def is_hdf5(path: Path) -> bool:
-    """Return whether the first bytes of a file are those of an HDF5 file."""
+    """Return whether a file starts with the signature of HDF5 files."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE
@@ -235,7 +246,10 @@ def require_h5py() -> None:
 
 
 def read_origin(path: Path) -> dict[str, Any]:
-    """Return the stored origin of a file. Raises OSError, ValueError or KeyError if betterbench did not write it."""
+    """Read the description of a data set's origin from its HDF5 file.
+
+    Raises OSError, ValueError or KeyError if betterbench did not write the file.
+    """
     with open_stored(path) as file:
         form: dict[str, Any] = parse_json(file[_SOURCE][()])
         return form
@@ -262,9 +276,9 @@ def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noq
 
 
 def _environment(dataset: Dataset) -> dict[str, Any]:
-    """Return robomimic's description of the environment.
+    """Return the description of the environment that a robomimic file contains.
 
-    It has a Gymnasium id if all demonstrations belong to one task.
+    If all demonstrations belong to one task, the name of the environment is the Gymnasium id of this task.
     """
     tasks = sorted({str(episode.about["task"]) for episode in dataset.episodes})
     single = "".join(word.capitalize() for word in tasks[0].split("_"))

@@ -1,4 +1,4 @@
-"""Check of a robomimic file against its records, group by group."""
+"""Comparison of a robomimic file with the records from which it was made, group by group."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ _JSON_ATTRIBUTES = ("better", "env_args")
 
 
 class RobomimicCheck:
-    """Check of all content except images and filter keys added by users. A context manager."""
+    """Check of a robomimic file, except for its images and for filter keys that users added.
+
+    Use it as a context manager.
+    """
 
     def __init__(self, path: Path, expected: ExpectedDataset) -> None:
         self._path, self._expected = path, expected
@@ -42,7 +45,10 @@ class RobomimicCheck:
         self._file.close()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the last added expected episode, and return a reader for its images."""
+        """Compare an episode with the expected episode, which must be the one that was added last.
+
+        Return a reader for its images.
+        """
         name, layout = f"data/{demo_name(number)}", self._expected.layout
         where = f"{self._path}: {name}"
         group = self._file[name]
@@ -63,7 +69,10 @@ class RobomimicCheck:
         return read
 
     def finish(self) -> None:
-        """Compare the data about the complete file, such as the masks. Call it after the last episode."""
+        """Compare the data that concern the file as a whole, such as the masks.
+
+        Call this method after the last episode.
+        """
         with intact(f"{self._path}: data"):
             data, where = self._file["data"], f"{self._path}: data"
             names = [demo_name(number) for number in range(len(self._expected.dataset.episodes))]
@@ -85,7 +94,7 @@ def _attributes(group: Any) -> dict[str, Any]:  # noqa: ANN401 - a group of h5py
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - what h5py returns
-    """Convert a value to JSON types, and parse JSON attributes."""
+    """Convert a value that h5py returned to JSON types, and parse attributes that contain JSON."""
     if isinstance(value, dict):
         return {n: parse_json(v) if n in _JSON_ATTRIBUTES else _plain(v) for n, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -96,7 +105,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - what h5py returns
 
 
 def _shapes(group: Any) -> dict[str, str]:  # noqa: ANN401 - a group of h5py
-    """Return the shape and type of each array in a demonstration."""
+    """Return the shape and data type of each array in a demonstration."""
     found: dict[str, str] = {}
     for name in group:
         below = group[name]

@@ -1,4 +1,4 @@
-"""Selection of run records to export as demonstrations."""
+"""Choice of the recorded episodes that are exported as demonstrations."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ class ChosenTrial:
     """Record to export.
 
     Attributes:
-        run: Index of its run in the list of runs.
-        digest: SHA-256 of the record's file.
-        scene_hash: Name of the stored scene for its images.
+        trial: Trial of the record.
+        run: Index of the run that contains the record, in the list of runs.
+        digest: SHA-256 of the record file.
+        scene_hash: Hash that identifies the stored scene, from which the images are rendered.
     """
 
     trial: TrialId
@@ -29,7 +30,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Selected demonstrations in order, and the number of omitted trials by reason."""
+    """Demonstrations selected for export, in order, and the number of trials that were left out, by reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]
@@ -38,14 +39,19 @@ class Selection:
 def select_demonstrations(
     runs: Sequence[RunFolder], *, tasks: Collection[str] = (), variations: bool = False
 ) -> Selection:
-    """Return the successful trials of some runs, sorted by task, condition, seed and run.
+    """Return the successful trials of the given runs, sorted by task, condition, seed and run.
 
-    Test variations are omitted by default, because a policy trained on them must not be evaluated on them.
+    Args:
+        runs: Runs with the records.
+        tasks: Tasks to export; empty for all tasks.
+        variations: Whether to export test variations too. By default they are left out, because a policy that was
+            trained on them must not be evaluated on them.
 
     Raises:
         RecordError: If a record is missing, is damaged, or differs from the record in the journal.
         UnknownNameError: If no run has a requested task.
-        InvalidInputError: If no trial is left, a record occurs twice, or the records of a task have different versions.
+        InvalidInputError: If no trial is left, a record occurs twice, or the records of a task were made with different
+            versions of the suite or the task.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
@@ -72,9 +78,9 @@ def select_demonstrations(
         where = ", ".join(str(run.path) for run in runs)
         raise InvalidInputError(
             where,
-            f"contains none of the requested demonstrations ({listed})",
-            "Give a run with successful trials of training conditions, or include those of test variations "
-            "(--variations of better export, variations: true in a recipe of better train)",
+            f"no requested demonstration was found ({listed})",
+            "Use a run with successful trials of training conditions, or include trials of test variations "
+            "(--variations of better export, or variations: true in a recipe of better train)",
         )
     _require_once(found, runs)
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
@@ -83,11 +89,11 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Check that all demonstrations of a task have the same version."""
+    """Raise InvalidInputError if a task was demonstrated with different versions of the task or the suite."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:
-        problem = f"it was recorded with {version}, {first.key} with {before}"
+        problem = f"it was recorded with {version}, but {first.key} with {before}"
         raise InvalidInputError(f"record of {entry.key}", problem, "Export each version separately")
 
 
@@ -97,11 +103,13 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
         other = first.setdefault(one.digest, one)
         if other is not one:
             where = f"{runs[one.run].path}: record of {one.trial}"
-            raise InvalidInputError(where, f"the same record is also in {runs[other.run].path}", "Give each run once")
+            raise InvalidInputError(
+                where, f"the same record is also in {runs[other.run].path}", "Pass each run only once"
+            )
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
-    """Return the reason why a trial is not exported, or an empty string."""
+    """Return the reason why a trial is not exported. Return "" if it is exported."""
     if entry.status != "done":
         return "not finished"
     if tasks and entry.task not in tasks:

@@ -1,4 +1,4 @@
-"""Videos of data sets: H.264 in MP4, with one frame per control step and reproducible bytes."""
+"""Videos in data sets: H.264 in MP4, with one frame per control step and reproducible bytes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from betterbench.json_form import open_ordinary
 CODEC, PIXEL_FORMAT = "h264", "yuv420p"
 
 QUALITY = 18
-"""Constant rate factor of x264."""
+"""Constant rate factor of the x264 encoder."""
 
 EFFORT = "veryfast"
-"""Preset of x264."""
+"""Speed preset of the x264 encoder."""
 
 GROUP = 2
-"""Key frame interval, as in LeRobot, so that random frames are decoded quickly."""
+"""Distance between key frames. It is as small as in LeRobot, so that random frames are decoded quickly."""
 
 VIDEO_SETTINGS = {
     "codec": CODEC,
@@ -34,11 +34,11 @@ VIDEO_SETTINGS = {
 }
 """Settings of the video encoder, which are stored with the data set."""
 
-_BITEXACT = {"fflags": "+bitexact"}  # so that the file does not contain library versions
+_BITEXACT = {"fflags": "+bitexact"}  # keeps library versions out of the file
 
 
 class VideoWriter:
-    """Encoder for consecutive images of one size, (height, width, 3) uint8 with even sides.
+    """Encoder for a sequence of images of the same size, (height, width, 3) uint8 with even width and height.
 
     The encoder runs in one thread, because its output depends on the number of threads.
     """
@@ -50,7 +50,7 @@ class VideoWriter:
         self._stream: Any = None
 
     def add(self, picture: np.ndarray) -> None:
-        """Append an image; raise InvalidInputError if a side is odd."""
+        """Append an image. Raises InvalidInputError if its width or height is odd."""
         if self._stream is None:
             self._stream = self._begin(*picture.shape[:2])
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
@@ -59,9 +59,9 @@ class VideoWriter:
         self._container.mux(self._stream.encode(frame))
 
     def finish(self) -> bytes:
-        """Return the encoded file. Raises InvalidInputError if there was no image."""
+        """Return the encoded video file. Raises InvalidInputError if no image was added."""
         if self._stream is None:
-            raise InvalidInputError("video", "it has no images", "Leave out the episode")
+            raise InvalidInputError("video", "the episode has no images", "Leave out the episode")
         self._container.mux(self._stream.encode(None))
         self._container.close()
         return self._buffer.getvalue()
@@ -78,15 +78,19 @@ class VideoWriter:
 
 
 def require_even(width: int, height: int) -> None:
-    """Raise InvalidInputError if the width or height of an image is odd. The pixel format requires even sizes."""
+    """Raise InvalidInputError if the width or height of an image is odd, since the pixel format requires even sizes."""
     if width % 2 or height % 2:
-        raise InvalidInputError("--images", f"a video cannot have {width} x {height} pixels", "Give --images png")
+        raise InvalidInputError(
+            "--images",
+            f"a video needs an even width and height, but the images have {width} x {height} pixels",
+            "Use --images png",
+        )
 
 
 def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
     """Concatenate videos without encoding them again.
 
-    All videos must come from :class:`VideoWriter`, with images of the same size.
+    All videos must have been written by :class:`VideoWriter`, with images of the same size.
     """
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4", options=_BITEXACT) as container:
@@ -111,9 +115,9 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
 
 
 def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield index and image, (height, width, 3) uint8, of the video frames from ``first`` on.
+    """Yield the frames of a video from the index ``first`` on: index, and image (height, width, 3) uint8.
 
-    Raises InvalidInputError if it cannot be read.
+    Raises InvalidInputError if the video cannot be read.
     """
     name = source if isinstance(source, str) else "video"
     try:
@@ -130,4 +134,4 @@ def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple
                     yield number, frame.to_ndarray(format="rgb24")
     except (av.FFmpegError, OSError, ValueError, IndexError, TypeError) as error:
         said = " ".join(str(getattr(error, "strerror", None) or error).split())
-        raise InvalidInputError(name, f"the video cannot be read ({said})", "Export it again") from error
+        raise InvalidInputError(name, f"the video cannot be read ({said})", "Export the data set again") from error

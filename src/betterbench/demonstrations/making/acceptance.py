@@ -1,4 +1,4 @@
-"""Acceptance rates of attempts by task, source and region, with failure reasons."""
+"""Acceptance rates of attempts at demonstrations by task, source and region, with the reasons for failures."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from betterbench.records import RunFolder
 from betterbench.tasks import Task, TrialId
 
 FOLDER = "acceptance"
-"""Folder of the report and its videos in a run."""
+"""Folder in a run for the acceptance report and its videos."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Number of attempts, and number of accepted attempts."""
+    """Number of attempts, and how many of them were accepted as demonstrations."""
 
     accepted: int
     attempts: int
 
     @property
     def rate(self) -> float | None:
-        """Fraction of accepted attempts, or None without attempts."""
+        """Fraction of the attempts that were accepted; None if there are no attempts."""
         return round(self.accepted / self.attempts, 4) if self.attempts else None
 
     def __str__(self) -> str:
-        """Return the counts and the percentage as text."""
+        """Return the counts and the percentage as text, e.g. "3/4 (75 %)"."""
         rate = self.rate
         return "–" if rate is None else f"{self.accepted}/{self.attempts} ({100.0 * rate:.0f} %)"
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """Coverage of a training condition's initial states by its accepted demonstrations."""
+    """Measure of how well the accepted demonstrations of a training condition cover its possible initial states."""
 
     condition: str
     demonstrations: int
@@ -50,7 +50,10 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Number of factor levels with a demonstration, divided by the largest possible number."""
+        """Number of covered factor levels, divided by the largest number that could be covered.
+
+        A level is covered if it has a demonstration.
+        """
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
@@ -60,13 +63,14 @@ class TaskAcceptance:
 
     Attributes:
         attempts: All attempts.
-        starts: Number of initial states, and number of initial states with a demonstration.
-        steps: Control steps of the accepted demonstrations.
-        sources: Attempts by primary source.
-        regions: Attempts by cell of a slot's jitter region, "slot first 0" to "slot first 8".
-        failures: Failed attempts by kind.
-        examples: First failed attempt of each kind: trial, attempt number and reason.
-        coverage: Coverage by training condition.
+        starts: Number of initial states, and how many of them have a demonstration.
+        steps: Total number of control steps in the accepted demonstrations.
+        sources: Attempts by primary source demonstration.
+        regions: Attempts by the initial position of an object. Each slot, i.e. area in which an object is placed at
+            random, is divided into nine cells, which are called "slot first 0" to "slot first 8" for the slot "first".
+        failures: Number of failed attempts by kind of failure.
+        examples: First failed attempt of each kind of failure, as its trial, the index of the attempt, and the reason.
+        coverage: Coverage of the initial states, by training condition.
     """
 
     task: str
@@ -82,15 +86,15 @@ class TaskAcceptance:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Outcomes of the attempts in a run, computed from its records without durations.
+    """Outcomes of all attempts in a run, computed from its records. They do not contain run times.
 
     Attributes:
         policy: Name of the demonstrator in the records.
-        sha256: Set hash.
+        sha256: Hash of the demonstration set.
         demonstrations: Number of demonstrations.
-        tasks: Outcome counts by task.
-        variety: Variety of the demonstrations by task; None if no condition has two demonstrations.
-        sources: Variety of the source demonstrations of an amplified set; None if their folder is missing.
+        tasks: Outcomes by task.
+        variety: How much the demonstrations of each task differ; empty if no condition has two demonstrations.
+        sources: How much the source demonstrations of an amplified set differ; empty if their folder is missing.
     """
 
     policy: str
@@ -102,12 +106,12 @@ class Acceptance:
 
     @property
     def mean_rate(self) -> float | None:
-        """Mean fraction of accepted attempts over all tasks."""
+        """Fraction of accepted attempts, averaged over the tasks; None if there are no attempts."""
         rates = [t.attempts.rate for t in self.tasks if t.attempts.rate is not None]
         return round(sum(rates) / len(rates), 4) if rates else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the outcomes as a JSON-serializable dict."""
         form = asdict(self)
         form["mean_rate"] = self.mean_rate
         for task, own in zip(form["tasks"], self.tasks, strict=True):
@@ -116,11 +120,11 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
-    """Return the outcomes of the attempts in a run of demonstrations, and the variety of the demonstrations.
+    """Return the outcomes of the attempts in a run of demonstrations, and how much the demonstrations differ.
 
     Args:
-        run: The run.
-        on_progress: Called with the number of records read and the total.
+        run: Folder of the run.
+        on_progress: Called with the number of records read so far and the total number.
 
     Raises:
         RecordError: If a journal or a record is corrupt.
@@ -137,7 +141,7 @@ def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acce
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return the variety of the sources of a run, or None if they are missing or have changed."""
+    """Return how much the source demonstrations of a run differ. Return () if they are missing or have changed."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()
@@ -187,13 +191,15 @@ def _tally(notes: Iterable[AttemptNote]) -> Tally:
 def write_acceptance(
     run: RunFolder, found: Acceptance, films: Mapping[tuple[str, str], str], pictures: Mapping[str, str]
 ) -> Path:
-    """Write ``acceptance.json`` and ``index.md`` into the run, and return the path of the page.
+    """Write ``acceptance.json`` and ``index.md`` into the run, and return the path of ``index.md``.
 
     Args:
-        run: The run.
-        found: Outcomes of its attempts.
-        films: File of each film relative to the page, or the reason why it is missing, by task and kind of failure.
-        pictures: File of each path picture relative to the page, or the reason why it is missing, by task.
+        run: Folder of the run.
+        found: Outcomes of the run's attempts.
+        films: For each task and kind of failure, the path of a video relative to ``index.md``, or the reason why there
+            is none.
+        pictures: For each task, the path of a picture of the tool paths relative to ``index.md``, or the reason why
+            there is none.
     """
     folder = run.inside(FOLDER)
     text = json_text(found.to_json(), indent=1) + "\n"
@@ -203,7 +209,15 @@ def write_acceptance(
 
 
 def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: Mapping[str, str]) -> str:
-    """Return the acceptance report of a demonstration run, as Markdown."""
+    """Return the acceptance report of a demonstration run as Markdown.
+
+    Args:
+        found: Outcomes of the run's attempts.
+        films: For each task and kind of failure, the path of a video relative to the report, or the reason why there is
+            none.
+        pictures: For each task, the path of a picture of the tool paths relative to the report, or the reason why there
+            is none.
+    """
     mean = "none yet" if found.mean_rate is None else f"{100.0 * found.mean_rate:.1f} %"
     lines = [
         f"# Acceptance of {markdown_text(found.policy)}",
@@ -250,9 +264,9 @@ def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> l
 
 
 def _coverage_lines(t: TaskAcceptance) -> list[str]:
-    """Return a Markdown table of the number of demonstrations per factor level and condition.
+    """Return a Markdown table with the number of demonstrations at each level of each random factor, by condition.
 
-    If any attempt was rejected, the region with the lowest acceptance rate is added.
+    If any attempt was rejected, a line below the table names the region with the lowest acceptance rate.
     """
     lines = ["| condition | factor | demonstrations per level | rarest level against the mean |", "|---|---|---|---|"]
     for c in t.coverage:

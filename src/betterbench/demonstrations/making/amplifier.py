@@ -1,4 +1,4 @@
-"""Amplifier: demonstrator that transfers the skills of source demonstrations to new scenes."""
+"""Amplifier: a demonstrator that adapts the skills of source demonstrations to new scenes."""
 
 from __future__ import annotations
 
@@ -27,54 +27,57 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""Choice of a source demonstration: at random, by the most similar object pose, or by the motion that begins closest to
-the arm.
+"""Method of choosing a source demonstration: at random, by the most similar pose of the object, or by the motion that
+begins closest to the arm.
 """
 
 NEAREST, NEAREST_SHARE = 3, 0.5
-"""Maximum number and maximum share of nearest neighbors from which a source is drawn uniformly."""
+"""A source is drawn uniformly from the nearest neighbors. Their number is the larger of this count and this fraction of
+all sources.
+"""
 OTHER_INSTANCE_M = 0.05
-"""Penalty in the distance between two objects of one category if they are different instances [m]."""
+"""Distance that is added between two objects of the same category if they are different instances [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
-"""Distances from the pose of the gripper change at which a skill may begin, in the order in which they are tried [m].
-The motion before belongs to the transit.
+"""A skill may begin within this distance of the pose at which the gripper opens or closes [m]. The distances are tried
+in this order. The motion before the beginning is part of the transit.
 """
 TURN_RAD = math.pi / 8.0
 """Angle between neighboring grasps of an object that can be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Rotations about the object's axis to try, for an object that can be grasped from any side [rad]."""
+"""Rotations about the object's axis that are tried if an object can be grasped from any side [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
-"""Distance [m] and angle [rad] from its goal within which the arm counts as settled, and maximum number of control
-steps to wait before the gripper moves.
+"""The arm counts as settled within this distance [m] and this angle [rad] of its goal. Before the gripper moves, the
+demonstrator waits for at most this number of control steps until the arm has settled.
 """
 STILL_M, STILL_STEPS = 2e-4, 2
-"""Finger motion below which the fingers count as still [m], and number of still steps before a lift."""
+"""Finger motion per step below which the fingers count as still [m], and number of still steps before a lift."""
 LEAVE_M = 0.10
-"""Height by which the tool retreats from the released object at the end if the source does not retreat [m]."""
+"""If the source demonstration ends without a retreat, the tool retreats by this height from the released object [m]."""
 NOISE_BLOCK = 256
-"""Number of control steps for which noise is drawn in one block."""
+"""Number of control steps for which noise is drawn at once."""
 MOST_DEVIATIONS = 5.0
-"""Maximum noise [standard deviations]. The check of a replay accepts up to 6."""
+"""Noise is clipped at this many standard deviations. When a recording is replayed, up to 6 are accepted."""
 TEMPO = 1.4
-"""Maximum factor by which the speed of a skill is changed to match the tempo of the demonstration."""
+"""Maximum factor by which a skill is sped up or slowed down to match the tempo of the demonstration."""
 TEMPO_DRAWN = 0.1
-"""Largest relative difference between the tempo of a demonstration and the tempo of its primary source."""
+"""Maximum relative difference between the tempo of a demonstration and the tempo of its primary source demonstration.
+"""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""Maximum displacement of the midpoint of a transit relative to its source: sideways, down and up [m]."""
+"""Maximum displacement of a transit's midpoint relative to the source demonstration: sideways, down and up [m]."""
 LAST_STEPS = 60
-"""Maximum number of control steps from the last skill until the goal is met."""
+"""Maximum number of control steps between the end of the last skill and the moment at which the goal is met."""
 PRESS_M = 0.004
-"""Distance by which a drawer is pushed beyond its stop [m], as by the expert."""
+"""Distance by which the gripper pushes a drawer beyond its stop when closing it [m], as the expert does."""
 FULL_M = 0.003
-"""Maximum distance from its stop at which a drawer counts as fully open [m]."""
+"""A drawer counts as fully open within this distance of its stop [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """Settings for the transfer of source demonstrations to a scene.
+    """Settings for the transfer of source demonstrations to a new scene.
 
     Attributes:
-        select: Choice of the source for each subgoal.
+        select: Method of choosing the source demonstration for each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
             rotation (0.5 rad). The gripper command has no noise. No noise is added while the arm settles or the gripper
             moves.
@@ -86,7 +89,7 @@ class AmplifierSettings:
 
 @dataclass(frozen=True, slots=True)
 class _Hand:
-    """State of the gripper during a transit: opening width [m], held object, and its pose in the gripper."""
+    """State of the gripper during a transit: opening width [m], held object, and the object's pose in the gripper."""
 
     width_m: float
     held: str | None = None
@@ -95,12 +98,13 @@ class _Hand:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """Transferred skill that can be executed next.
+    """Skill that was transferred to the scene and can be executed next.
 
     Attributes:
-        source: Skill of the source.
+        source: The skill in the source demonstration.
         moved: The same skill in this scene.
-        change: Difference between its transit and the transit of the source.
+        change: Variation of the transit, i.e. of the motion that leads to this skill, compared with the source
+            demonstration.
         hand: State of the gripper during the transit.
         touched: Objects that the robot may touch during the skill.
     """
@@ -117,8 +121,9 @@ class _WayIn:
     """Collision-free path to the start of a skill.
 
     Attributes:
-        poses: Corners of a planned path, or one pose per control step of a transferred transit.
-        planned: Whether the path was found by the planner.
+        poses: Waypoints of a planned path, or one pose per control step if a transit of the source demonstration is
+            repeated.
+        planned: Whether the motion planner found the path.
         begin: Step of the skill at which the path ends.
     """
 
@@ -128,22 +133,24 @@ class _WayIn:
 
 
 class Amplifier:
-    """Demonstrator that uses the privileged state, as the expert does, and the motions of source demonstrations.
+    """Demonstrator that repeats the motions of source demonstrations in a new scene.
+
+    Like the expert, it knows the full state.
 
     Attributes:
-        used: Names of the sources, one for each started skill.
-        failure: Reason why the attempt failed, or None.
+        used: Names of the source demonstrations, one for each skill that was started.
+        failure: Kind of failure and reason if the attempt failed; None otherwise.
     """
 
     def __init__(
         self, scene: Scene, library: Library, lead: Source, settings: AmplifierSettings, draw: np.random.Generator
     ) -> None:
-        """Initialize for one attempt.
+        """Prepare one attempt.
 
         Args:
             scene: The scene.
-            library: Sources of the task.
-            lead: Primary source demonstration, which determines the order of skills.
+            library: Source demonstrations of the task.
+            lead: Primary source demonstration, which determines the order of the skills.
             settings: Settings of the transfer.
             draw: Random stream of the attempt.
         """
@@ -164,11 +171,11 @@ class Amplifier:
 
     @property
     def name(self) -> str:
-        """Policy name in records."""
+        """Name of this demonstrator, which is the policy name in records."""
         return "demonstrator:amplified"
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,), without noise.
+        """Return the next action in the ``ee_delta`` action space without noise, as an array of shape (7,).
 
         Raises:
             AttemptFailedError: If the attempt can no longer succeed.
@@ -183,20 +190,20 @@ class Amplifier:
             raise
 
     def close(self) -> None:
-        """Release the episode, so that its scene (about 20 MB) is freed with its last reference."""
+        """Release the episode, so that the memory of its scene (about 20 MB) can be freed."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return the action to execute, which is the last action plus noise. No noise is added while the arm settles.
+        """Return the action to execute, which is the given action plus noise. No noise is added while the arm settles.
 
-        Out-of-range values are clipped on execution.
+        Values outside the action space are clipped when the action is executed.
         """
         if self._quiet or not self._settings.action_noise:
             return action
         if self._drawn >= len(self._block):
-            # drawn in blocks to save time
+            # Noise is drawn in blocks to save time.
             drawn = self._noise.standard_normal((NOISE_BLOCK, 7)).clip(-MOST_DEVIATIONS, MOST_DEVIATIONS)
             drawn[:, 6] = 0.0
             self._block, self._drawn = self._settings.action_noise * drawn, 0
@@ -205,7 +212,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode. The arm stays still if the primary source has no skills."""
+        """Yield the actions of an episode. If the primary source demonstration has no skills, the arm stays still."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -221,7 +228,7 @@ class Amplifier:
         raise AttemptFailedError("misplaced", self._what_is_open(state))
 
     def _what_is_open(self, state: WorldState) -> str:
-        """Describe the unmet subgoals of the primary source."""
+        """Describe the first subgoal of the primary source demonstration that has not been reached."""
         for s in self._lead.segments:
             if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
                 return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
@@ -230,7 +237,10 @@ class Amplifier:
     def _carry_out(
         self, state: WorldState, window: SkillWindow, source: str | None
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
-        """Execute one skill of the primary source, with the first motion of any source that fits the scene."""
+        """Execute one skill of the primary source demonstration.
+
+        The motion is taken from the first source demonstration whose skill fits the scene.
+        """
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
@@ -262,11 +272,14 @@ class Amplifier:
         raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
-        """Return the rotation of the grasp of an object that can be grasped from any side [rad]."""
+        """Draw a random rotation of the grasp [rad], for an object that can be grasped from any side."""
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return the distance to close a drawer, or to open it as far as the primary source did [m]."""
+        """Return the distance by which a drawer must be moved [m].
+
+        It is closed completely, or opened as far as in the primary source demonstration.
+        """
         opening = distance(state.pose(window.object).position, self._shut[window.object].position)
         lead = next(s for s in self._lead.skills if s.window == window)
         if lead.slid_m < 0.0:
@@ -278,9 +291,10 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the matching skills of all sources in the order in which they are tried.
+        """Return the matching skills of all source demonstrations, in the order in which they should be tried.
 
-        For a placement, the source of the pick is tried first, because the object is then held in the same way.
+        For a placement, the source demonstration that was used for the pick comes first, because the object is then
+        held in the same way.
         """
         found = list(self._library.skills(key))
         found = [found[i] for i in self._draw.permutation(len(found))]
@@ -295,9 +309,9 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance between the pose of a skill's object or target in the source and in the scene.
+        """Return the difference between the object's pose in the source demonstration and its pose in the scene.
 
-        1 rad counts as 1 m.
+        For a placement, the poses of the target are compared instead. A rotation of 1 rad counts as 1 m.
         """
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
@@ -306,7 +320,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance from the arm to the start of the skill. 1 rad counts as 1 m."""
+        """Return the distance of the arm from the first pose of a skill. A rotation of 1 rad counts as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -323,11 +337,12 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills transferred to this scene, with variants for objects that may have any rotation.
+        """Transfer skills of the source demonstrations to this scene, and yield each transferred skill with its source.
 
         For an object that can be grasped from any side, the grasp is first rotated about the object's axis by
         ``turn_rad``. If all skills are blocked, other rotations are tried. If a container is filled differently than in
-        the source, the object may be released at another goal of the expert at which demonstrations release objects.
+        the source demonstration, the object may be released at another place that the expert would choose, provided
+        that demonstrations release objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -354,9 +369,9 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Return whether demonstrations release objects at a base position [m].
+        """Return whether demonstrations release objects at the given position of the object's base [m].
 
-        If this was not measured, return True.
+        If this was not measured for the target, return True.
         """
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
@@ -366,7 +381,10 @@ class Amplifier:
         return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
     def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
-        """Return a collision-free path to a start of a skill, or None."""
+        """Return a collision-free path to the start of a skill, or to a later step of its approach.
+
+        Return None if there is none.
+        """
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:
             begin = skill.moved.begin_within(radius)
@@ -384,9 +402,10 @@ class Amplifier:
         return None
 
     def _free_ways(self, state: WorldState, skill: _Candidate, begin: int) -> Iterator[tuple[_WayIn, list[float]]]:
-        """Yield collision-free paths to a step of a skill, each with the joint positions at its end [rad].
+        """Yield collision-free paths to a step of a skill, each with the joint positions at the end of the path [rad].
 
-        The first paths are the transit of the source, with and without variation. The last one is planned.
+        The first paths repeat the transit of the source demonstration, with and without variation. The last path is
+        planned.
         """
         goal, hand = skill.moved.targets[begin], skill.hand
         for change in (skill.change, TransitChange(faster=skill.change.faster)):
@@ -407,7 +426,10 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return the first obstacle for a skill, before its gripper change or for the opening gripper, or None."""
+        """Return the first obstacle that a skill collides with, or None if the skill is free.
+
+        The motion before the gripper opens or closes is checked and, for a placement, the opening of the gripper.
+        """
         hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
         held, T_tcp_object = hand.held, hand.T_tcp_object
         blocked, joints = self._planner.check_way(
@@ -421,12 +443,12 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return the speed of a skill, relative to its source, that matches the tempo of the demonstration."""
+        """Return the factor that adapts the speed of a skill to the tempo of the primary source demonstration."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 
     def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
-        """Move to the start of a skill at the demonstration's tempo."""
+        """Move to the start of a skill at the tempo of the primary source demonstration."""
         self._quiet = False
         pace = CARRY if held is not None else FREE
         gripper = OPEN if held is None else 1.0
@@ -445,7 +467,7 @@ class Amplifier:
         return replace(pace, speed=s * pace.speed, corner_speed=s * pace.corner_speed, turning=s * pace.turning)
 
     def _play(self, state: WorldState, moved: CarriedOver) -> Motion:
-        """Execute a skill. Before the gripper moves, the arm settles without noise."""
+        """Execute a transferred skill. Before the gripper opens or closes, the arm settles without action noise."""
         before = OPEN if moved.gripper[moved.change] > 0.0 else 1.0
         for i, (target, gripper) in enumerate(zip(moved.targets, moved.gripper, strict=True)):
             changes = (gripper > 0.0) != (before > 0.0)
@@ -461,7 +483,7 @@ class Amplifier:
         return state
 
     def _settle(self, state: WorldState, goal: Pose, gripper: float) -> Motion:
-        """Hold a goal until the arm has reached it."""
+        """Hold the goal pose until the arm has reached it."""
         self._quiet = True
         for _ in range(SETTLE_STEPS):
             near = distance(state.ee_pose.position, goal.position) < SETTLE_M
@@ -471,7 +493,10 @@ class Amplifier:
         return state
 
     def _close(self, state: WorldState, goal: Pose) -> Motion:
-        """Close the fingers until they stop, because this instance may be narrower than the object of the source."""
+        """Close the fingers until they stop.
+
+        The recorded gripper motion is not repeated, since the object may be narrower than in the source demonstration.
+        """
         still = 0
         for _ in range(SETTLE_STEPS):
             width = state.finger_width_m
@@ -482,7 +507,7 @@ class Amplifier:
         return state
 
     def _leave(self, state: WorldState) -> Motion:
-        """Retreat upward at the end, so that the gripper leaves the object even if the source ended before that."""
+        """Retreat upward at the end. The source demonstration may have ended before its gripper had left the object."""
         if state.held is not None:
             return state
         goal = state.commanded_pose.translated(z=LEAVE_M)

@@ -1,4 +1,4 @@
-"""Attempt at a demonstration: running the episode, and accepting or rejecting it."""
+"""One attempt at a demonstration: run the episode, and accept or reject it."""
 
 from __future__ import annotations
 
@@ -29,25 +29,26 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 
 LASTING_STEPS = 4
-"""Number of control steps after the end of an episode for which the goal must stay met: 0.2 s after the dwell of 0.5 s.
+"""Number of control steps after the end of an episode for which the goal must stay met. They are 0.2 s, after the dwell
+time of 0.5 s within the episode.
 """
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""Names of the demonstrators: the policy names in records of demonstrations."""
+"""Names of the demonstrators, which are the policy names in records of demonstrations."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AttemptNote:
-    """Outcome of an attempt.
+    """Outcome of an attempt at a demonstration.
 
     Attributes:
         number: Index of the attempt at this initial state, from 0.
-        failure: Failure kind, or "" if the attempt was accepted.
+        failure: Kind of failure; "" if the attempt was accepted.
         reason: Reason for the failure, in one line.
         steps: Number of control steps of the attempt.
-        sources: Sources used by the attempt, one per skill.
-        lead: Primary source demonstration, which determined the order of skills, or "".
+        sources: Source demonstrations that the attempt used, one per skill.
+        lead: Primary source demonstration, which determined the order of the skills; "" if there is none.
     """
 
     number: int
@@ -65,7 +66,7 @@ class AttemptNote:
 
 @dataclass(frozen=True, slots=True)
 class DemonstrationAttempt:
-    """An attempt and its record."""
+    """Attempt at a demonstration: its outcome and its record."""
 
     note: AttemptNote
     record: Record
@@ -73,9 +74,13 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Run the expert in a motion style drawn from the scene's seed and the attempt number.
+    """Run the expert in a motion style that is drawn from the scene's seed and the index of the attempt.
 
-    With ``twins``, the style does not depend on the condition.
+    Args:
+        scene: The scene.
+        number: Index of the attempt at this initial state.
+        twins: Whether all conditions with the same seed get the same motion style, so that their demonstrations differ
+            only in the instruction.
     """
     draw = stream(scene.task.id, scene.seed, f"twins:{number}") if twins else _stream(scene, "collect", number)
     manner = draw_manner(draw)
@@ -101,10 +106,10 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
 
 @settled_heap()
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
-    """Transfer source demonstrations to a scene. Each attempt has a different primary source."""
+    """Transfer source demonstrations to a scene. Each attempt follows a different primary source demonstration."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
-    # one order per initial state; each attempt uses the next primary source
+    # Each initial state has one order of the primary sources, and each attempt uses the next of them.
     order = _stream(scene, "leads", 0).permutation(len(leads))
     lead = leads[int(order[number % len(leads)])]
     agent = Amplifier(scene, library, lead, settings, draw)
@@ -145,10 +150,16 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Judge an attempt, and return it with the segments in its record.
+    """Decide whether an attempt is accepted, i.e. meets all requirements for demonstrations.
 
-    An accepted attempt meets all requirements of a demonstration set. Call this while the scene is at the end of the
-    episode. ``states`` contains the state of each record row.
+    Call this function while the scene is still at the end of the episode.
+
+    Args:
+        scene: Scene of the attempt.
+        record: Record of the attempt, to which the subgoal segments are added.
+        states: State of each record row.
+        number: Index of the attempt.
+        failure: Kind of failure and reason that the demonstrator reported, if any.
     """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
@@ -159,7 +170,7 @@ def judge_attempt(
 
 
 def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[FailureKind, str]:
-    """Return the failure of an unsuccessful episode, with its kind."""
+    """Return the kind of failure of an unsuccessful episode, and the reason."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
         return "harm", "all subgoals are done, but another object was moved or harmed"
@@ -172,9 +183,9 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Continue the simulation after the end of an episode, and return a failure if the goal does not stay met.
+    """Continue the simulation after the end of an episode, and return a failure if the goal is then no longer met.
 
-    Returns None without a check if the correct behavior is to do nothing.
+    If the correct behavior is to do nothing, the simulation is not continued, and the result is None.
     """
     if scene.condition.expected is not Expected.SUCCEED:
         return None
@@ -191,15 +202,15 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return the failure of an episode outside the certified training distribution, or None."""
+    """Return the failure if the episode lies outside the certified training distribution. Return None otherwise."""
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first deviation of an episode from the certified training distribution of its task.
+    """Return a description of the first deviation of an episode from the certified training distribution of its task.
 
-    Returns None if there is no deviation, or if the variation is declared to be outside the training distribution.
+    Return None if there is no deviation, or if the variation is declared to lie outside the training distribution.
     """
     variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:

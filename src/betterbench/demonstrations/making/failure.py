@@ -1,4 +1,4 @@
-"""Kinds of failure of an attempt at a demonstration."""
+"""Kinds of failure of an attempt at a demonstration, and their meaning."""
 
 from __future__ import annotations
 

@@ -13,16 +13,22 @@ from betterbench.sim.scenes.limited import LimitedView
 SIZE = 256
 """Side length of the videos [pixel]."""
 EVERY = 2
-"""Record rows per video frame, for ten frames per second."""
+"""Number of record rows per video frame. Videos have ten frames per second."""
 
 
 def film_failures(
     run: RunFolder, found: Acceptance, *, on_progress: OnCount | None = None
 ) -> dict[tuple[str, str], str]:
-    """Render the first failed attempt of each kind and task, unless its video exists.
+    """Render a video of the first failed attempt of each kind and task, unless the video already exists.
 
-    Returns: The file of each video relative to the report folder, or the reason why it is missing, by task and kind of
-    failure.
+    Args:
+        run: Folder of the run.
+        found: Outcomes of the run's attempts.
+        on_progress: Called with the number of finished videos and the total number.
+
+    Returns:
+        For each task and kind of failure, the path of the video relative to the report folder, or the reason why there
+        is none.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
     films: dict[tuple[str, str], str] = {}

@@ -1,4 +1,4 @@
-"""Motion styles of demonstrations, drawn at random to imitate differences between people."""
+"""Motion styles of demonstrations. They are drawn at random to imitate differences between people."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from betterbench.policies.experts.motion import (
 from betterbench.policies.experts.skills import Skills
 
 MISS_GAP_M = 0.012
-"""Minimum height of the tool above an object when the gripper closes in a missed grasp [m]."""
+"""In a missed grasp, the gripper closes at least this far above the object [m]."""
 MISS_STEPS = 12
-"""Maximum number of control steps for which the gripper stays closed in a missed grasp."""
+"""In a missed grasp, the gripper stays closed for at most this number of control steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +35,18 @@ class DemonstrationManner:
     """Motion style of one demonstration.
 
     Attributes:
-        speed: Fraction of the expert's speed.
-        acceleration: Fraction of the expert's acceleration.
+        speed: Speed as a fraction of the expert's speed.
+        acceleration: Acceleration as a fraction of the expert's acceleration.
         approach_height_m: Height above the grasp at which the final approach begins [m].
         approach_offset_m: Horizontal distance from the grasp at which the final approach begins [m].
-        approach_bearing_rad: Direction of that offset in the world frame [rad].
-        grasp_turn_rad: Maximum random cost added to the gripper rotation in the ranking of grasps [rad].
+        approach_bearing_rad: Direction of this horizontal offset in the world frame [rad].
+        grasp_turn_rad: Strength of the random preference among gripper rotations. When grasps are ranked, a random
+            value of at most this size is added to or subtracted from the cost of each rotation [rad].
         raise_m: Additional height of transits [m].
-        detour_m: Largest sideways displacement of a transit's midpoint [m].
+        detour_m: Largest sideways displacement of the midpoint of a transit, i.e. of the motion between two skills [m].
         pause_s: Mean duration of a pause [s].
-        pause_rate: Probability of a pause where one is possible.
-        miss_rate: Probability that the gripper closes too early and reopens before a grasp.
+        pause_rate: Probability of a pause at each moment where a pause is possible.
+        miss_rate: Probability of a missed grasp, in which the gripper closes too early and opens again.
     """
 
     speed: float = 1.0
@@ -61,15 +62,15 @@ class DemonstrationManner:
     miss_rate: float = 0.0
 
     def to_json(self) -> dict[str, float]:
-        """Return a JSON-serializable dict."""
+        """Return the motion style as a JSON-serializable dict."""
         return {name: float(value) for name, value in asdict(self).items()}
 
 
 def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
-    """Return a motion style drawn from a random stream.
+    """Draw a motion style from a random stream.
 
-    Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle
-    and sometimes close the gripper too early. The ranges are our choice and were not measured.
+    Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle,
+    and sometimes close the gripper too early. The ranges are assumptions and were not measured.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
@@ -88,20 +89,20 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 
 @dataclass
 class VariedSkills(Skills):
-    """The expert's skills, executed in a motion style.
+    """Skills of the expert, executed in a motion style.
 
-    Detours and missed grasps are planned like other motions, and left out if an obstacle blocks them.
+    Detours and missed grasps are planned like all other motions. They are left out if an obstacle blocks them.
 
     Attributes:
         manner: The motion style.
-        chance: Random stream of the demonstration for pauses, detours and missed grasps.
+        chance: Random stream of the demonstration, from which pauses, detours and missed grasps are drawn.
     """
 
     manner: DemonstrationManner = DemonstrationManner()
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
-        """Scale a pace by the speed and acceleration of the motion style."""
+        """Scale a pace by the speed and the acceleration of the motion style."""
         m = self.manner
         return replace(
             pace,
@@ -112,7 +113,7 @@ class VariedSkills(Skills):
         )
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Pause, with the probability given by the style."""
+        """Pause with the probability that the motion style defines."""
         if self._stream.random() >= self.manner.pause_rate:
             return state
         seconds = min(float(self._stream.exponential(self.manner.pause_s)), 1.0)
@@ -121,7 +122,7 @@ class VariedSkills(Skills):
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Plan a path up, across and down, with a detour if it is collision-free."""
+        """Return a path up, across and down, with a detour if the detour is free of collisions."""
         *_, up, over, goal = way
         raised = self.manner.raise_m
         aside = float(self._stream.uniform(-1.0, 1.0)) * self.manner.detour_m
@@ -145,9 +146,9 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to the start of the final approach next to the grasp, and then along the approach.
+        """Move to the start of the final approach next to the grasp, and from there to the grasp.
 
-        Raises PlanningError if blocked.
+        Raises PlanningError if the motion is blocked.
         """
         m = self.manner
         turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
@@ -177,7 +178,10 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """Close and reopen the gripper above an object during the descent to a grasp, if this touches nothing."""
+        """During the descent to a grasp, close and reopen the gripper above the object.
+
+        Skip this if anything is in the way.
+        """
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]
@@ -197,5 +201,5 @@ class VariedSkills(Skills):
     @property
     def _stream(self) -> np.random.Generator:
         if self.chance is None:
-            raise PlanningError("varied skills need a random stream")
+            raise PlanningError("VariedSkills requires a random stream: set chance")
         return self.chance

@@ -1,4 +1,4 @@
-"""Pictures of the tool paths of a task's demonstrations, drawn over an image of an initial state."""
+"""Pictures of the tool paths in a task's demonstrations, drawn over an image of an initial state."""
 
 from __future__ import annotations
 
@@ -18,17 +18,22 @@ from betterbench.sim.scenes.limited import LimitedView
 from betterbench.tasks import TrialId
 
 SIZE = 512
-"""Side of a picture [pixel]."""
+"""Side length of a picture [pixel]."""
 MOST_PATHS = 60
-"""Maximum number of paths in a picture, in seed order."""
+"""Maximum number of paths in a picture. The demonstrations with the smallest seeds are drawn."""
 
 
 def draw_paths(run: RunFolder, *, on_progress: OnCount | None = None) -> dict[str, str]:
-    """Draw the paths in the first training condition of every task.
+    """Draw the tool paths in the first training condition of every task.
 
-    Returns the file of each picture relative to the report, or the reason why it could not be drawn. Paths from the
-    same source share a color. Each demonstration without a source has its own color. ``on_progress`` is called with the
-    number of finished pictures and the total.
+    Paths from the same source demonstration share a color. A demonstration without a source has its own color.
+
+    Args:
+        run: Folder of the run.
+        on_progress: Called with the number of finished pictures and the total number.
+
+    Returns:
+        For each task, the path of the picture relative to the report, or the reason why it could not be drawn.
     """
     leads = {t: next((n.lead for n in o.notes if n.accepted), "") for t, o in attempts_of(run.path).items()}
     done = sorted(entry.key for entry in run.entries() if entry.status == "done")
@@ -66,7 +71,7 @@ def _picture(run: RunFolder, trials: Sequence[TrialId], leads: Mapping[TrialId, 
 
 
 def _draw_path(draw: ImageDraw.ImageDraw, pixels: np.ndarray, record: Record, color: tuple[int, ...]) -> None:
-    """Draw the tool path, with a ring where the gripper begins to close."""
+    """Draw the tool path of a demonstration, with a ring at each point where the gripper begins to close."""
     points = [(float(x), float(y)) for x, y in pixels if np.isfinite((x, y)).all()]
     draw.line(points, fill=color, width=1)
     closed = record.gripper_command > 0.0

@@ -1,9 +1,9 @@
-"""Production of a demonstration set: workers try the planned initial states and write the run folder.
+"""Production of a demonstration set: workers attempt the planned initial states and write a run folder.
 
-``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. An initial state without
-an accepted attempt stays in the plan as an error with its reason, and a replacement is added. The attempts at an
-initial state depend only on its seed and the sources. The records are therefore the same for any number of workers, and
-after interruptions.
+``RUN/journal.jsonl`` lists the demonstrations, and ``RUN/attempts/journal.jsonl`` lists every attempt. If no attempt at
+an initial state is accepted, the initial state stays in the plan as an error with its reason, and a replacement is
+added. The attempts at an initial state depend only on its seed and on the source demonstrations. The records are
+therefore the same for any number of workers, and also after interruptions.
 """
 
 from __future__ import annotations
@@ -68,29 +68,30 @@ from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files, o
 logger = logging.getLogger(__name__)
 
 ATTEMPTS = "attempts"
-"""Folder of the journal of attempts, in a run of demonstrations."""
+"""Folder in a run of demonstrations that contains the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Versions of the methods. A run can only be resumed with the version that started it."""
+"""Version of the method behind each demonstrator. A run can only be resumed with the version that started it."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """Method by which the demonstrations of a run are made, picklable for sending to workers.
+    """Method by which the demonstrations of a run are made. It can be pickled, so that it can be sent to workers.
 
     Attributes:
-        policy: Policy name in the records: that of the expert or of the amplifier.
+        policy: Policy name in the records, which names the expert or the amplifier.
         first_seed: First seed of the initial states.
-        attempts: Maximum attempts per initial state.
+        attempts: Maximum number of attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
-        sources_hash: Hash of the source set; "" for the expert.
-        source_tasks: Tasks included in the hash; empty for the expert.
-        settings: Settings of the transfer.
+        sources_hash: Hash of the source demonstrations; "" for the expert.
+        source_tasks: Tasks whose source demonstrations are included in this hash; empty for the expert.
+        settings: Settings for the transfer of source demonstrations.
         quality: Render preset of the stored scenes.
         task_files: User files that workers load first.
         regime: Training distribution whose conditions are demonstrated.
-        twins: Whether conditions with the same scene share their seeds and the expert's motion styles.
+        twins: Whether conditions with the same scene share their seeds and the expert's motion styles, so that
+            demonstrations with the same seed differ only in the instruction.
         robot: Name of the robot.
     """
 
@@ -108,15 +109,16 @@ class Method:
     robot: str = USUAL_ROBOT
 
     def task(self, name: str) -> Task:
-        """Return a task with the conditions of the distribution as its training conditions."""
+        """Return a task in which the conditions of the chosen training distribution replace the training conditions."""
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return a task's planned initial states.
+        """Return the initial states from which a task is to be demonstrated.
 
-        Their number is ``demos`` per training condition, divided among the conditions of the distribution.
+        There are ``demos`` initial states per training condition of the task. If another training distribution is used,
+        the same total is divided among its conditions.
 
-        Raises InvalidInputError if a number is out of range, or the task has no such training distribution.
+        Raises InvalidInputError if a number is out of range, or the task does not define the training distribution.
         """
         task = self.task(name)
         require_between("--demos", demos, 1, MOST_STARTS)
@@ -124,11 +126,17 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return the replacement of an abandoned initial state. Twins are not replaced."""
+        """Return the initial state that replaces an abandoned one. Return None if there is no further replacement.
+
+        Initial states are not replaced if ``twins`` is set, i.e. if conditions share their seeds.
+        """
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values that, in addition to the trials, must be equal for resuming a run."""
+        """Return the settings that must be the same for a run to be resumed.
+
+        The planned trials are compared separately.
+        """
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -156,8 +164,11 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return the method of a run of demonstrations. Raises RecordError for other runs."""
-    where, cure = f"{run.path}: plan.demonstrations", "Give a run of better collect or better amplify"
+    """Return how the demonstrations of a run were made.
+
+    Raises RecordError if the run does not contain demonstrations.
+    """
+    where, cure = f"{run.path}: plan.demonstrations", "Use a run folder of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
     return Method(
@@ -191,7 +202,7 @@ class StartOutcome:
 
     @property
     def trial(self) -> TrialId:
-        """The trial name."""
+        """Trial of the initial state."""
         return TrialId(self.task, self.condition, self.seed)
 
     @property
@@ -216,7 +227,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """Progress of a set: finished and requested demonstrations, number of attempts, and last outcome."""
+    """Progress of a set: numbers of finished and planned demonstrations and of attempts, and the last outcome."""
 
     done: int
     planned: int
@@ -228,9 +239,10 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """Journal of a run's attempts.
+    """Journal of all attempts in a run.
 
-    The last line about an initial state counts. Raises the same errors as :class:`VersionedJournal`.
+    If several lines are about the same initial state, the last of them counts. Raises the same errors as
+    :class:`VersionedJournal`.
     """
 
     form = "betterbench attempts journal"
@@ -240,7 +252,7 @@ class AttemptJournal(VersionedJournal):
         super().__init__(path, versions, renews=True)
 
     def append(self, outcome: StartOutcome) -> None:
-        """Append the outcome of an initial state and sync it to disk."""
+        """Append the outcome of an initial state, and sync the journal to disk."""
         self._append_form(asdict(outcome))
         self.found[outcome.trial] = outcome
 
@@ -254,7 +266,10 @@ def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
-    """Return the outcomes of all initial states tried so far. Raises RecordError if the journal is corrupt."""
+    """Return the outcomes of all initial states that were attempted so far.
+
+    Raises RecordError if the journal is corrupt.
+    """
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
     if lines:
@@ -277,26 +292,28 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect expert demonstrations in varied motion styles. The same call resumes the run.
+    """Collect demonstrations by the expert in varied motion styles.
+
+    If the run was interrupted, calling this function again resumes it.
 
     Args:
         tasks: Names of the tasks.
         out: Run folder.
-        demos: Demonstrations per training condition; the other distributions divide the same total among their
-            conditions.
+        demos: Demonstrations per training condition. If another training distribution is chosen, the same total is
+            divided among its conditions.
         first_seed: First seed of the initial states.
-        attempts: Maximum attempts per initial state, each in a different motion style.
+        attempts: Maximum number of attempts per initial state, each in a different motion style.
         regime: Training distribution whose conditions are demonstrated.
-        twins: Whether conditions with the same scene get the same seeds and motion styles, so that they differ only in
-            the instruction.
-        robot: Name of the robot; default: the robot for which the first task is laid out.
-        workers: Worker processes.
+        twins: Whether conditions with the same scene get the same seeds and motion styles, so that demonstrations with
+            the same seed differ only in the instruction.
+        robot: Name of the robot. The default is the robot that the first task is designed for.
+        workers: Number of worker processes.
         on_progress: Called at the start and after every initial state.
 
     Raises:
-        InvalidInputError: If a number is out of range, a task's training support was not measured, or a task does not
-            define the training distribution.
-        UnknownNameError: If the task does not exist.
+        InvalidInputError: If a number is out of range, the training distribution of a task was not measured, or a task
+            does not define the chosen training distribution.
+        UnknownNameError: If a task does not exist.
         RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
@@ -318,25 +335,25 @@ def amplify(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Generate demonstrations for new initial states from a run's demonstrations, in another run folder.
+    """Generate demonstrations for new initial states from the demonstrations of a run, in a new run folder.
 
-    The same call resumes the run.
+    If the run was interrupted, calling this function again resumes it.
 
     Args:
         sources: Run folder with the source demonstrations.
         out: Output run folder.
-        tasks: Task names; default: all tasks that the sources demonstrate.
+        tasks: Names of the tasks. The default is all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         first_seed: First seed of the initial states.
-        attempts: Maximum attempts per initial state, each with a different primary source demonstration.
-        settings: Settings of the transfer to new scenes.
+        attempts: Maximum number of attempts per initial state, each with a different primary source demonstration.
+        settings: Settings for the transfer to new scenes.
         workers: Number of worker processes.
         on_progress: Called at the start and after every initial state.
 
     Raises:
-        InvalidInputError: If a number is out of range, or sources are missing or use test seeds.
-        RecordError: If a source cannot be read.
-        RunConflictError: If the folder contains another run, or another process writes to it.
+        InvalidInputError: If a number is out of range, or the source demonstrations are missing or use test seeds.
+        RecordError: If a source demonstration cannot be read.
+        RunConflictError: If the output folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -348,7 +365,9 @@ def amplify(
     known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
-        raise InvalidInputError(str(sources), "it contains no demonstrations", "Collect some with better collect")
+        raise InvalidInputError(
+            str(sources), "it contains no demonstrations", "Collect demonstrations with better collect"
+        )
     regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:
         _check_sources(run, in_regime(get_task(name), regime))
@@ -361,19 +380,24 @@ def amplify(
 
 
 def _check_sources(run: RunFolder, task: Task) -> None:
-    """Raise InvalidInputError if a condition of a task has no source demonstration."""
+    """Raise InvalidInputError if a training condition of a task has no source demonstration."""
     library = load_library(run, task.id)
     for condition in task.training:
         if not library.of_condition(condition.name):
             chosen = f"{options_for([task.id])} --tasks {task.id}"
-            cure = f"Collect some: better collect{chosen} --out RUN"
+            cure = f"Collect demonstrations: better collect{chosen} --out RUN"
             if run.plan["policy"] == TELEOPERATED:
-                cure = f"Demonstrate it too: better teleop{chosen} --out {shell_word(run.path)}"
+                cure = f"Demonstrate this condition too: better teleop{chosen} --out {shell_word(run.path)}"
             raise InvalidInputError(str(run.path), f"it contains no demonstration of {condition.id}", cure)
 
 
 def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
-    """Return the SHA-256 of the names and contents of a set's records (64 hex digits)."""
+    """Return the SHA-256 of the names and contents of a set's records, as 64 hex digits.
+
+    Args:
+        run: Folder of the run with the set.
+        tasks: Tasks whose records are included; None for all tasks.
+    """
     chosen = None if tasks is None else set(tasks)
     done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
     lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
@@ -389,13 +413,13 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set in rounds, until each initial state has a demonstration or has been replaced."""
+    """Make a demonstration set in rounds, until each initial state has a demonstration or no replacement is left."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
-        demonstrated(task, engine=engine_version())  # needed for checking the training support
+        demonstrated(task, engine=engine_version())  # fails early if the training support was not measured
     versions = versions_in_use([task.id for task in chosen], robot=method.robot)
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
@@ -415,7 +439,7 @@ def _produce(
                 keep=functools.partial(_note, journal=journal, attempts=attempts),
                 on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
             )
-            changed = [run.restore(), journal.restore(), attempts.restore()]  # restore removed files
+            changed = [run.restore(), journal.restore(), attempts.restore()]  # write removed files again
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
         if is_whole and chains == _chains(wanted, found, method):
@@ -423,20 +447,20 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Warn about initial states that are in only one of the two journals. They are attempted again."""
+    """Warn about initial states that are in only one of the two journals, since these are attempted again."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
         logger.warning(
-            "%d starts are in only one of the journals of demonstrations and attempts (first: %s), because a journal "
-            "was truncated or the command was killed. These starts are run again",
+            "%d initial states are in only one of the journals of demonstrations and attempts (first: %s), because a "
+            "journal was truncated or the command was killed. They are attempted again",
             len(lost),
             lost[0],
         )
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return one list per planned initial state, in which the state is followed by its replacements."""
+    """Return one list for each planned initial state. It contains the initial state, followed by its replacements."""
     chains = []
     for start in wanted:
         chain = [start]
@@ -455,7 +479,7 @@ def _is_settled(start: Start, *, found: Mapping[TrialId, StartOutcome], journal:
 
 
 def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the plan and context of a run for ``run.json``."""
+    """Return the plan and the context of a run, as stored in ``run.json``."""
     trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
     plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality, method.robot)
     policy = {"address": method.policy, "name": method.policy, "needs_images": False}
@@ -484,7 +508,10 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
-    """Yield outcomes as they arrive. Initial states that share a compiled scene are processed consecutively."""
+    """Yield outcomes as workers finish.
+
+    Initial states that share a compiled scene are processed one after the other.
+    """
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
@@ -492,7 +519,7 @@ def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]
 def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
     """Append the outcome of an initial state to both journals.
 
-    If the process is killed between the two writes, the initial state is repeated.
+    If the process is killed between the two writes, the initial state is attempted again.
     """
     outcome, trial = produced.outcome, produced.outcome.trial
     varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
@@ -517,7 +544,7 @@ def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) ->
 
 
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
-    """Attempt one initial state until an attempt is accepted, and write its record. Called in a worker."""
+    """Attempt one initial state until an attempt is accepted, and write its record. Called in a worker process."""
     load_sources(method.task_files)
     run = RunFolder(Path(out), {}, {})  # the main process may be writing to run.json
     began = time.perf_counter()
@@ -541,7 +568,7 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
 
 
 def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
-    """Return the scene of a demonstration."""
+    """Open the scene of a demonstration, at its initial state."""
     found = resolve_condition(trial.task, trial.condition)
     return Scene(
         found.task,
@@ -554,7 +581,13 @@ def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
 
 
 def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
-    """Make the attempt with a given number at an initial state."""
+    """Make one attempt at an initial state.
+
+    Args:
+        scene: Scene at the initial state.
+        number: Index of the attempt.
+        method: How demonstrations are made.
+    """
     if method.policy == EXPERT:
         return collect_attempt(scene, number, twins=method.twins)
     library = _library(method.sources, method.sources_hash, method.source_tasks, scene.task.id)
@@ -563,19 +596,24 @@ def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttemp
 
 @functools.lru_cache(maxsize=4)
 def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Library:
-    """Return the sources of a task. Raises RecordError if their hash has changed, for example because of additions."""
+    """Load the source demonstrations of a task.
+
+    Raises RecordError if their hash has changed, for example because demonstrations were added.
+    """
     run = RunFolder.open(Path(sources))
     library = load_library(run, task)
-    if set_hash(run, tasks) != sha256:  # check after loading, to detect additions during loading
+    if (
+        set_hash(run, tasks) != sha256
+    ):  # checked after loading, so that demonstrations added in the meantime are noticed
         raise RecordError(
-            f"{sources}: its demonstrations have changed since the amplification began. When no process writes there "
-            "anymore, run the same command with another --out folder."
+            f"{sources}: its demonstrations have changed since the amplification began. Wait until no process writes "
+            "to this folder, and then run the same command with another --out folder."
         )
     return library
 
 
 def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> tuple[str, str]:
-    """Write the record and (once) the scene of an accepted attempt, and return their digests."""
+    """Write the record of an accepted attempt and, once per scene, the scene. Return the digests of both."""
     with on_disk(run.path):
         path = run.write_record(attempt.record)
         return file_digest(path), run.keep_scene(scene)

@@ -1,9 +1,10 @@
-"""Transfer of a skill to another scene, with the same motion relative to its object or target region.
+"""Transfer of a skill to another scene, keeping its motion relative to the object or the target region.
 
-A pick or a slide keeps its motion relative to the object, ``T_new(t) = T_object_new  T_object_source^-1
-T_target_source(t)``, with an additional shift for a different instance of the category. A placement keeps the path of
-the object's base relative to the target region, because the object may be held differently. The poses are the commands
-to the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
+A pick or a slide keeps its motion relative to the object: ``T_new(t) = T_object_new  T_object_source^-1
+T_target_source(t)``. If the object in the new scene is a different instance of the object's category, the motion is
+also shifted. A placement keeps the path of the object's base relative to the target region, because the object may be
+held differently. The poses are the commands sent to the controller, not the measured poses of the arm (Mandlekar et
+al., MimicGen, 2023).
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from betterbench.sim.assets import Asset
 from betterbench.tasks.relations.placing import foot_offset
 
 CHECKED_EVERY_M = 0.025
-"""Minimum distance between the poses of a skill that are checked for collisions [m]."""
+"""Minimum distance between two poses of a skill that are checked for collisions [m]."""
 CHECKED_EVERY_RAD = 0.25
-"""Minimum rotation between these poses [rad]."""
+"""Minimum rotation between two poses of a skill that are checked for collisions [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedOver:
-    """Skill transferred to another scene.
+    """Skill that was transferred to another scene.
 
     Attributes:
         source: Name of the source demonstration of the skill.
@@ -49,7 +50,13 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step after which all poses stay within a distance [m] of the pose at the gripper change."""
+        """Return the first step of the final approach.
+
+        In the final approach, all poses are close to the pose at which the gripper moves.
+
+        Args:
+            radius_m: Maximum distance from that pose [m].
+        """
         there = self.targets[self.change].position
         step = self.change
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
@@ -57,16 +64,23 @@ class CarriedOver:
         return step
 
     def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
-        """Return the skill from a step on, with another speed until the gripper change.
+        """Return the part of the skill that begins at a given step, sped up until the gripper moves.
 
         The speed of the gripper does not change.
+
+        Args:
+            begin: First step to keep.
+            faster: Factor by which the motion is sped up.
         """
         before = retimed(self.targets[begin : self.change + 1], faster)
         gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]
         return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
 
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
-        """Return poses for the collision check, which are the first, the last, and some in between."""
+        """Return the poses at which to check the steps ``begin`` to ``end`` for collisions.
+
+        The poses at both of these steps are included.
+        """
         found = [self.targets[begin]]
         for pose in self.targets[begin + 1 : end]:
             far = distance(pose.position, found[-1].position) >= CHECKED_EVERY_M
@@ -77,7 +91,10 @@ class CarriedOver:
 
 
 def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, turn_rad: float = 0.0) -> CarriedOver:
-    """Transfer a pick to an object in a scene, rotated about the object's z axis by ``turn_rad`` [rad]."""
+    """Transfer a pick to an object in another scene.
+
+    The grasp is rotated about the object's z axis by ``turn_rad`` [rad].
+    """
     grasp = skill.object_pose.inverse() @ skill.targets[skill.change]
     turned = state.pose(name) @ Pose((0.0, 0.0, 0.0), from_yaw(turn_rad))
     to_new = turned @ grasp_shift(skill.asset, grasp, asset) @ skill.object_pose.inverse()
@@ -85,7 +102,7 @@ def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *
 
 
 def carry_slide(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, slide_m: float) -> CarriedOver:
-    """Transfer a slide to a drawer that must be moved by ``slide_m`` along its own x axis [m]."""
+    """Transfer a slide to a drawer in another scene. The drawer is moved by ``slide_m`` along its own x axis [m]."""
     moved = carry_pick(skill, state, name, asset)
     axis = rotate(state.pose(name).quaternion, (1.0, 0.0, 0.0))
     ratio = slide_m / skill.slid_m if abs(skill.slid_m) > 1e-6 else 1.0
@@ -106,18 +123,19 @@ def carry_place(
     keep_tool: bool = False,
     foot: tuple[float, float, float] | None = None,
 ) -> CarriedOver | None:
-    """Transfer a placement to the grasped object and the target in this scene.
+    """Transfer a placement to the target and the grasped object in another scene.
 
     Args:
-        skill: The placement.
+        skill: The placement in the source demonstration.
         state: Current state, with the object in the gripper.
-        window: Names of object and target in this scene.
-        keep_tool: Whether to keep the rotation of the object in the gripper, for objects that may have any heading.
-        foot: Release position of the object's base in the world frame [m]; default: the goal of the expert nearest to
-            the source's release.
+        window: Names of the object and the target in this scene.
+        keep_tool: Whether to keep the rotation of the tool instead of the rotation of the object, for objects that may
+            have any heading.
+        foot: Position in the world frame that the object's base has when it is released [m]. The default is the
+            placement that the expert considers nearest to the release in the source demonstration.
 
     Returns:
-        The placement, or None if no goal of the expert is near the release.
+        The transferred placement; None if the expert considers no placement near the release.
     """
     to_new = region_frame(state, window) @ skill.frame.inverse()
     shift = (0.0, 0.0, 0.0)
@@ -141,9 +159,9 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the tool pose at which the object's base is at the position in the source demonstration.
+    """Return the tool pose at which the object's base is where it was in the source demonstration.
 
-    If ``T_foot_tcp`` is None, tool and object keep their rotation.
+    If ``T_foot_tcp`` is None, the tool keeps its rotation, and otherwise the object does.
     """
     foot = (target @ T_tcp_foot_source).translated(*shift)
     if T_foot_tcp is not None:

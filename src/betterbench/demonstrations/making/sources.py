@@ -1,4 +1,4 @@
-"""Source demonstrations, with skills described relative to objects and target regions."""
+"""Source demonstrations for the amplifier, split into skills relative to objects and target regions."""
 
 from __future__ import annotations
 
@@ -21,18 +21,20 @@ from betterbench.tasks.relations.placing import foot_offset
 from betterbench.tasks.user_files import options_for
 
 SAME_GRASP_M = 0.04
-"""Maximum distance at which a grasp is matched with an annotated grasp [m]."""
+"""Maximum distance between a grasp and the annotated grasp that it is matched with [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance at which a release is matched with a goal of the expert [m]."""
+"""Maximum distance between the place of a release and the placement of the expert that it is matched with [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
-"""Minimum distance between two goals [m], and maximum number of goals."""
+"""Minimum distance between two alternative goals of a placement [m], and maximum number of goals."""
 MOVING_M = 0.001
-"""Motion per control step below which the tool counts as paused [m]."""
+"""Motion per control step below which the tool counts as pausing [m]."""
 ROTATION_M = 0.1
-"""Weight of rotation relative to translation in pose comparisons [m/rad], equal to the length of the gripper."""
+"""Weight of a rotation relative to a translation when poses are compared [m/rad]. It equals the length of the gripper.
+"""
 
 SkillKey = tuple[str, str, str, str, str]
-"""Key of a skill: kind of skill and kind of object, and for a placement relation, kind of target and region.
+"""Key by which skills are matched: kind of the skill and kind of the object; for a placement also the relation, the
+kind of the target, and the region.
 
 A slide that opens a drawer has the relation "out".
 """
@@ -40,30 +42,31 @@ A slide that opens a drawer has the relation "out".
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceSkill:
-    """Skill of a source demonstration, with all values needed for its transfer.
+    """Skill in a source demonstration, with all values that are needed to transfer it to another scene.
 
     Attributes:
         key: Key for matching skills, see :data:`SkillKey`.
-        source: Demonstration name, "TASK/CONDITION/SEED".
+        source: Name of the demonstration, "TASK/CONDITION/SEED".
         window: Rows of the skill in the demonstration.
         object: Object that is picked, released or moved.
-        asset: Asset of that object.
-        frame: ``T_world_reference`` at the beginning of the window: pose of the object or, for a placement, of the
-            target region.
-        object_pose: ``T_world_object`` when the window begins.
-        target_pose: ``T_world_target`` at that time; the object's pose if the skill is not a placement.
+        asset: Asset (object model) of this object.
+        frame: ``T_world_reference`` at the beginning of the window. The reference is the object or, for a placement,
+            the target region.
+        object_pose: ``T_world_object`` at the beginning of the window.
+        target_pose: ``T_world_target`` at the beginning of the window; the object's pose if the skill is not a
+            placement.
         targets: Commanded poses ``T_world_tcp``, one per control step of the window.
         gripper: Gripper command at each of these steps.
-        change: Index of the first step of the gripper's motion.
-        T_tcp_foot: For a placement: pose of the object's base in the gripper just before the change.
-        anchor: For a placement: position of the object's base in the world frame at the goal of the expert nearest to
-            the release [m].
-        spread_m: For a placement: gripper opening minus the width of the object [m].
+        change: Index of the first step at which the gripper moves.
+        T_tcp_foot: For a placement, the pose of the object's base in the gripper just before the gripper opens.
+        anchor: For a placement, the one of the expert's possible placements that is nearest to the release, as the
+            position of the object's base in the world frame [m].
+        spread_m: For a placement, how much wider the gripper opens than the object [m].
         slid_m: Distance by which a drawer is moved along its own x axis [m].
         width_m: Gripper width at the beginning of the window [m].
         lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
-            if a grasp was missed in between.
-        tempo_mps: Tempo of the demonstration [m/s].
+            if the gripper missed a grasp in between.
+        tempo_mps: Mean speed of the tool in the transits of the demonstration [m/s].
     """
 
     key: SkillKey
@@ -88,14 +91,14 @@ class SourceSkill:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """Source demonstration.
+    """Source demonstration for the amplifier.
 
     Attributes:
-        trial: Its trial.
-        segments: Its subgoals.
-        skills: Its skills in order, without missed grasps.
-        speed: Fraction of the expert's speed.
-        tempo_mps: Mean speed of the tool in transits, without pauses [m/s], or 0 if unknown.
+        trial: Trial of the demonstration.
+        segments: Subgoals of the demonstration.
+        skills: Skills of the demonstration in order, without missed grasps.
+        speed: Speed of the motion style, as a fraction of the expert's speed.
+        tempo_mps: Mean speed of the tool in transits, without pauses [m/s]; 0 if unknown.
     """
 
     trial: TrialId
@@ -106,12 +109,12 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Its name in records and reports."""
+        """Name of the demonstration in records and reports."""
         return str(self.trial)
 
 
 class Library:
-    """Source demonstrations of a task."""
+    """All source demonstrations of a task."""
 
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
@@ -121,16 +124,22 @@ class Library:
                 self._skills.setdefault(skill.key, []).append(skill)
 
     def of_condition(self, condition: str) -> tuple[Source, ...]:
-        """Return the sources from a training condition."""
+        """Return the source demonstrations of a training condition."""
         return tuple(s for s in self.sources if s.trial.condition == condition)
 
     def skills(self, key: SkillKey) -> tuple[SourceSkill, ...]:
-        """Return all skills with a key."""
+        """Return the skills of all source demonstrations that have the given key."""
         return tuple(self._skills.get(key, ()))
 
 
 def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
-    """Return the key of the skill in a window. ``out`` is True for a slide that opens a drawer."""
+    """Return the key of a skill. Skills in different demonstrations correspond to each other if their keys are equal.
+
+    Args:
+        info: Objects of the scene.
+        window: Rows of the skill in its demonstration, with the names of its objects.
+        out: True for a slide that opens a drawer.
+    """
     kind = info.object(window.object).kind
     if window.kind == "place":
         return ("place", kind, window.relation, info.object(window.target).kind, window.region)
@@ -138,11 +147,11 @@ def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
 
 
 def load_library(run: RunFolder, task: str) -> Library:
-    """Return the successful demonstrations of a task in a run.
+    """Load the successful demonstrations of a task from a run.
 
     Raises:
-        InvalidInputError: If a record has a test seed, or the task has no successful demonstration.
-        RecordError: If a record cannot be read, or has another suite or task version.
+        InvalidInputError: If a record has a test seed, or the run has no successful demonstration of the task.
+        RecordError: If a record cannot be read, or was made with another version of the suite or the task.
     """
     found = []
     for entry in run.entries():
@@ -150,20 +159,23 @@ def load_library(run: RunFolder, task: str) -> Library:
             continue
         if entry.seed < FIRST_DEMONSTRATION_SEED:
             problem = f"{entry.key} has a test seed, which must not be used for training"
-            cure = f"Give demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
+            cure = f"Use demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
         _require_version(record, str(run.record_path(entry.task, entry.condition, entry.seed)))
         if record.outcome.success:
             found.append(demonstrated_source(record))
     if not found:
-        cure = f"Collect some: better collect{options_for([task])} --tasks {task} --out RUN"
+        cure = f"Collect demonstrations: better collect{options_for([task])} --tasks {task} --out RUN"
         raise InvalidInputError(str(run.path), f"it contains no successful demonstration of {task}", cure)
     return Library(sorted(found, key=lambda s: s.trial))
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record has another suite or task version, because object positions may differ."""
+    """Raise RecordError if a record was made with another version of the suite or the task.
+
+    The objects may be at other positions in another version, so the recorded motions might not fit.
+    """
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -172,13 +184,16 @@ def _require_version(record: Record, where: str) -> None:
     for what, there, now in versions:
         if there != now:
             raise RecordError(
-                f"{where}: was recorded with version {one_line(there)} of the {what}, but this is version {now}. "
+                f"{where}: it was recorded with version {one_line(there)} of the {what}, but this is version {now}. "
                 "Collect the demonstrations again."
             )
 
 
 def demonstrated_source(record: Record) -> Source:
-    """Create a source demonstration from a successful record. Segments are computed from its states."""
+    """Create a source demonstration from the record of a successful demonstration.
+
+    The skills are computed from the recorded states.
+    """
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
@@ -210,13 +225,13 @@ def _tempo_mps(record: Record, ways: Iterable[Sequence[Pose]]) -> float:
 
 
 def _targets(record: Record, start: int, stop: int) -> tuple[Pose, ...]:
-    """Return the commanded poses at some rows."""
+    """Return the commanded poses in the rows [start, stop) of a record."""
     positions, quaternions = record.commanded_position[start:stop], record.commanded_quaternion[start:stop]
     return tuple(Pose(tuple(p), tuple(q)) for p, q in zip(positions.tolist(), quaternions.tolist(), strict=True))
 
 
 def _require_objects(record: Record, planned: Collection[str]) -> None:
-    """Raise RecordError if the objects of a record differ from those of its condition."""
+    """Raise RecordError if a record contains other objects than its condition specifies."""
     meta = record.metadata
     other = sorted({o.name for o in meta.scene.objects} ^ set(planned))
     if other:
@@ -229,7 +244,15 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
 def _skill_of(
     record: Record, window: SkillWindow, asset: Asset, *, lead_in: tuple[Pose, ...] | None, tempo_mps: float
 ) -> SourceSkill:
-    """Return the skill in a window of a record."""
+    """Create a source skill from the rows of a record in which the skill is executed.
+
+    Args:
+        record: Record of the demonstration.
+        window: Rows of the skill.
+        asset: Asset of the skill's object.
+        lead_in: Commanded poses between the previous skill and this one; None if the gripper missed a grasp in between.
+        tempo_mps: Mean speed of the tool in the transits of the demonstration [m/s].
+    """
     first = max(1, window.start)
     rows = range(first, max(window.stop, window.change + 1))
     state, let_go = record.state(window.start), record.state(window.change - 1)
@@ -261,7 +284,7 @@ def _skill_of(
 
 
 def region_frame(state: WorldState, window: SkillWindow) -> Pose:
-    """Return the pose of the target region's center of a placement, ``T_world_region``."""
+    """Return the pose of the center of a placement's target region, ``T_world_region``."""
     middle = relation(window.relation).middle(state.info.object(window.target), window.region)
     return state.pose(window.target) @ Pose(middle)
 
@@ -274,13 +297,14 @@ def _anchor(state: WorldState, let_go: WorldState, window: SkillWindow) -> tuple
 def nearest_goal(
     state: WorldState, window: SkillWindow, point: Sequence[float], *, within_m: float
 ) -> tuple[float, float, float] | None:
-    """Return the base position of an object at the expert's goal nearest to a point [m], or None if all are far away.
+    """Return the placement nearest to a point among those that the expert considers, as the object's base position [m].
 
-    Goals depend on object sizes and on objects that are already at the target, unlike a rigid transform.
+    Unlike a rigid transform of the recorded motion, these placements take into account how large the objects are and
+    which objects are already at the target. Return None if no placement is within the given distance.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
-    # cache by rotation, because hundreds of goals have only a few different rotations
+    # The offset is rotated once per rotation, because hundreds of goals share a few rotations.
     turned = {q: rotate(q, offset) for q in {goal.pose.quaternion for goal in goals}}
     feet = [goal.pose.translated(*turned[goal.pose.quaternion]).position for goal in goals]
     nearest = min(feet, key=lambda foot: distance(foot, point), default=None)
@@ -288,7 +312,10 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return the base positions of an object at the expert's goals, without duplicates, the best first [m]."""
+    """Return the placements that the expert considers, best first, as positions of the object's base [m].
+
+    Placements that are nearly the same are only listed once.
+    """
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
     for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
@@ -299,7 +326,7 @@ def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, fl
 
 
 def _slid_m(record: Record, window: SkillWindow) -> float:
-    """Return the distance by which the closed gripper moves a drawer along its own x axis [m]."""
+    """Return how far the closed gripper moves a drawer along the drawer's x axis [m]."""
     opened = window.change
     while opened + 1 < len(record) and record.gripper_command[opened + 1] > 0.0:
         opened += 1
@@ -310,10 +337,11 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 
 
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
-    """Return the transform ``T_object_object`` from a grasp on one asset to the same grasp on another.
+    """Return the transform ``T_object_object`` that turns a grasp on one asset into the same grasp on another asset.
 
-    The grasp is matched with an annotated grasp of its asset, which is replaced by that of the other asset. For the
-    same asset, or if no annotated grasp is near, the result is the identity.
+    The annotated grasp nearest to the given grasp is looked up in the first asset, and replaced by the corresponding
+    annotated grasp of the other asset. The result is the identity if both assets are the same, or if no annotated grasp
+    is near.
     """
     if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):
         return Pose()

@@ -1,9 +1,10 @@
-"""Initial states of demonstrations, chosen to cover the training distribution evenly.
+"""Choose initial states of demonstrations that cover the training distribution evenly.
 
-An initial state is described by discrete levels: for each relevant object, its cell in the jitter region and its
-rotation, and the appearance. From each block of consecutive seeds, the seed with the rarest levels so far is used.
-Blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. An
-abandoned seed is replaced by the most similar seed of another block.
+An initial state is described by discrete levels of several factors. The factors are the appearance of the scene and,
+for each slot of a relevant object, the object's position (a cell of the slot) and its rotation. Seeds are divided into
+blocks of consecutive seeds. In each block, the seed whose levels have occurred least often so far is chosen. The blocks
+do not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. If a seed is
+abandoned, it is replaced by the most similar seed of a spare block.
 """
 
 from __future__ import annotations
@@ -19,35 +20,37 @@ from betterbench.tasks import Condition, Slot, Task, TrialId
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 FIRST_AMPLIFIED_SEED = 1_000_000_000
-"""Default first seed of amplified demonstrations, far from the seeds of their sources."""
+"""Default first seed of amplified demonstrations. It is far from the seeds of their source demonstrations."""
 GRID = 3
-"""Number of cells of a slot's jitter region along each axis."""
+"""Number of cells along each axis of the region in which a slot places objects."""
 BLOCK = 32
-"""Number of consecutive seeds of a block, from which one is chosen."""
+"""Number of consecutive seeds in a block. One seed is chosen from each block."""
 SPARE_BLOCK = 256
-"""Number of consecutive seeds from which a replacement is chosen."""
+"""Number of consecutive seeds from which the replacement of an abandoned seed is chosen."""
 SLOT_WEIGHT = 3
-"""Weight of a different cell in the choice of a replacement. A different rotation or appearance has weight 1."""
+"""Penalty for a different cell when a replacement is chosen. A different rotation or appearance has penalty 1."""
 SPARE_ROUNDS = 4
-"""Maximum number of replacements of an initial state."""
+"""Maximum number of times that an initial state is replaced."""
 SPARES_FROM = 20_000_000
-"""Distance of the first spare seed from the first seed."""
+"""Difference between the first seed for replacements and the first seed of the set."""
 MOST_STARTS = 10_000
-"""Maximum number of initial states per training condition, so that their blocks end before the spare seeds."""
+"""Maximum number of initial states per training condition. It ensures that their blocks end before the spare seeds
+begin.
+"""
 
 Levels = Mapping[str, int]
-"""Level of each factor of an initial state, by factor name."""
+"""Level of each factor in an initial state, by factor name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Planned demonstration.
+    """Planned demonstration from one initial state.
 
     Attributes:
         condition: Name of the training condition.
         number: Index of the demonstration in its condition, from 0.
-        round: Number of times that its seed has been replaced.
-        seed: Its seed.
+        round: Number of times that the seed has been replaced.
+        seed: Seed of the initial state.
     """
 
     task: str
@@ -58,7 +61,7 @@ class Start:
 
     @property
     def trial(self) -> TrialId:
-        """The trial name."""
+        """Trial of this demonstration."""
         return TrialId(self.task, self.condition, self.seed)
 
 
@@ -67,8 +70,8 @@ class Factor:
     """Random factor of an initial state.
 
     Attributes:
-        name: "slot first" or "turn first" for a slot, or "looks".
-        levels: Number of its levels.
+        name: "slot first" for the position in a slot, "turn first" for the rotation in a slot, or "looks".
+        levels: Number of levels.
     """
 
     name: str
@@ -76,7 +79,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a condition. The slots of the instruction's objects come before those of targets."""
+    """Return the random factors of a condition. The factors of objects to be moved come before those of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -86,7 +89,7 @@ def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
 
 
 def levels_of(task: Task, condition: Condition, seed: int) -> Levels:
-    """Return the levels of all factors for a seed. No scene is built."""
+    """Return the levels of all factors for a seed, without building the scene."""
     return _levels(task, _slots(task, condition), seed)
 
 
@@ -113,14 +116,20 @@ def _levels(task: Task, slots: Iterable[Slot], seed: int) -> dict[str, int]:
 
 
 def _level(share: float) -> int:
-    """Return the level of a random number in [-1, 1]."""
+    """Return the level that a random number in [-1, 1] falls into."""
     return min(GRID - 1, max(0, int(0.5 * (share + 1.0) * GRID)))
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return the planned demonstrations of a task, with one number for all training conditions or one for each.
+    """Choose the initial states from which a task is demonstrated.
 
-    Raises InvalidInputError if a number or the seed is out of range. Demonstrations must not use test seeds.
+    Args:
+        task: The task.
+        numbers: Number of demonstrations per training condition, as one number or as one number for each condition.
+        first_seed: First seed to use.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or the first seed is a test seed.
     """
     wanted = [numbers] * len(task.training) if isinstance(numbers, int) else list(numbers)
     require_between("--demos", min(wanted), 1, MOST_STARTS)
@@ -134,10 +143,10 @@ def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int)
 
 
 def shared_out(total: int, parts: int) -> tuple[int, ...]:
-    """Divide ``total`` demonstrations among ``parts`` conditions.
+    """Divide ``total`` demonstrations among ``parts`` conditions as evenly as possible.
 
-    Each condition gets at least one, and the first conditions get the remainder. Increasing the total does not decrease
-    any share, so a larger set contains the smaller one.
+    Each condition gets at least one demonstration, and the first conditions get the remainder. If the total grows, no
+    condition gets fewer demonstrations, so a larger set contains the smaller one.
     """
     return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
 
@@ -166,9 +175,10 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return the replacement of a planned initial state after ``round_`` (1 or more) abandoned seeds.
+    """Return a replacement for a planned initial state from which no demonstration could be made in ``round_`` rounds.
 
-    Each replacement is similar to the original initial state, not to the previous replacement.
+    Each replacement is chosen to be similar to the original initial state, not to the previous replacement. Return None
+    if there have been too many replacements.
     """
     if round_ > SPARE_ROUNDS:
         return None
@@ -188,7 +198,7 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
 
 def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return planned demonstrations like :func:`planned_starts`, with the same seeds in all conditions."""
+    """Choose initial states like :func:`planned_starts`, but with the same seeds in all training conditions."""
     most = max(numbers)
     first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
     seeds = [start.seed for start in first if start.condition == task.training[0].name]
@@ -200,8 +210,9 @@ class FactorCoverage:
     """Coverage of the levels of a factor by initial states.
 
     Attributes:
-        counts: Number of initial states per level.
-        filled: Number of covered levels, divided by the maximum number that this many initial states can cover.
+        counts: Number of initial states at each level.
+        filled: Number of levels with at least one initial state, divided by the largest number that this many initial
+            states could cover.
         evenness: Number of initial states at the rarest level, divided by the mean over all levels.
     """
 
@@ -212,7 +223,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return the coverage of a training condition's factors by some seeds."""
+    """Return how well the initial states with the given seeds cover each factor of a training condition."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

@@ -1,4 +1,4 @@
-"""Transfer of a transit, the motion between two skills, to other end points."""
+"""Transfer of a transit, i.e. of the motion between two skills, to other end points."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from betterbench.demonstrations.making.sources import SourceSkill
 from betterbench.geometry import Pose, Vector, angle_between, distance, horizontal_distance, slerp, straight_way
 
 LEAST_WAY_M = 0.05
-"""Minimum horizontal length for which a transit has a direction [m]."""
+"""Horizontal length below which a transit is too short to have a direction [m]."""
 STRETCHED = (0.5, 2.0)
-"""Minimum and maximum factor by which a transit may be stretched between its end points."""
+"""Minimum and maximum factor by which the distance between a transit's end points may change."""
 MOST_STEP_M, MOST_STEP_RAD = 0.03, 0.12
-"""Maximum translation and rotation per control step of a transferred transit: 0.6 m/s and 2.4 rad/s."""
+"""Maximum translation [m] and rotation [rad] per control step in a transferred transit (0.6 m/s and 2.4 rad/s)."""
 CHECK_RAD = 0.25
-"""Maximum rotation between neighboring poses checked for collisions [rad]."""
+"""Maximum rotation between neighboring poses that are checked for collisions [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """Variation of a transit relative to its source.
+    """Variation of a transit: its differences from the transit of the source demonstration.
 
     Attributes:
-        aside_m: Displacement of the midpoint to the left, seen from above [m].
+        aside_m: Displacement of the midpoint to the left, as seen from above [m].
         raise_m: Upward displacement of the midpoint [m].
-        faster: Speed as a multiple of the source's.
+        faster: Speed as a multiple of the speed in the source demonstration.
     """
 
     aside_m: float = 0.0
@@ -38,20 +38,23 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Return a source's transit to the step ``begin`` of a skill, adapted to other end points, one pose per step.
+    """Transfer the transit that leads to the step ``begin`` of a skill, so that it begins and ends at other poses.
 
-    Seen from above, it is rotated and stretched along the line between its end points. The sideways offset from this
-    line and the height are kept, apart from the difference of the end points and the variation.
+    Return one pose per control step.
+
+    Seen from above, the transit is rotated and stretched along the line between its end points. Otherwise, its sideways
+    offset from this line and its height stay the same, except for the requested variation.
 
     Args:
-        skill: The skill of the source.
+        skill: The skill in the source demonstration.
         begin: Step of the skill at which the transit ends.
         start: Pose ``T_world_tcp`` at the start of the new transit.
         goal: Pose ``T_world_tcp`` at the end of the new transit.
-        variation: Difference from the transit of the source.
+        variation: Difference from the transit of the source demonstration.
 
     Returns:
-        The transit, or None if it contains a missed grasp or would be stretched too much.
+        The transit; None if the transit of the source demonstration contains a missed grasp or would be stretched too
+        much.
     """
     if skill.lead_in is None:
         return None
@@ -69,7 +72,7 @@ def carry_transit(
     aside = variation.aside_m / math.hypot(vx, vy) if math.hypot(vx, vy) >= LEAST_WAY_M else 0.0
     moved = []
     for (x, y, z), share in zip(turned, (length / shares[-1] for length in shares), strict=True):
-        # the displacement is zero at both end points, with zero slope
+        # The displacement and its slope are zero at both end points.
         most = math.sin(math.pi * share) ** 2
         point = (
             x + share * ox - most * aside * vy,
@@ -81,7 +84,10 @@ def carry_transit(
 
 
 def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None:
-    """Rotate and stretch the points of a transit to the line from start to goal. Returns None beyond the limits."""
+    """Rotate and stretch the points of a transit so that they lead from start to goal.
+
+    Return None if the transit would be stretched too much.
+    """
     (ax, ay, az), b = way[0].position, way[-1].position
     there, here = horizontal_distance((ax, ay), b), horizontal_distance(start.position, goal.position)
     cos, sin, ux, uy, stretch = 1.0, 0.0, 1.0, 0.0, 1.0
@@ -104,9 +110,9 @@ def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None
 
 
 def retimed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
-    """Resample a transit, one pose per control step, to another speed. The first and last pose stay the same.
+    """Change the speed of a motion that has one pose per control step. The first and the last pose stay the same.
 
-    Translation and rotation per step are limited, so a transit may be slower than requested.
+    Translation and rotation per step are limited, so the result may be slower than requested.
     """
     if len(way) < 2:
         return tuple(way)
@@ -132,7 +138,10 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
 
 
 def checkpoints(way: Sequence[Pose], step_m: float) -> list[Pose]:
-    """Return poses along a transit for a collision check, at most ``step_m`` apart [m]."""
+    """Return the poses along a transit at which to check for collisions.
+
+    Neighboring poses are at most ``step_m`` apart [m].
+    """
     found = [way[0]]
     for pose, after in itertools.pairwise(way[1:]):
         far = distance(after.position, found[-1].position) > step_m

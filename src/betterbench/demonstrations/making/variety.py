@@ -1,9 +1,10 @@
-"""Variety of demonstrations: differences between corresponding motions.
+"""Variety of demonstrations: how much they differ in corresponding motions.
 
-Motions with the same condition, subgoal and skill are compared between pairs of demonstrations. Slot jitter is removed
-first, so that copies of one path from different initial states have no variety. Paths are compared by their offset from
-the straight line between their end points. Grasps and approaches are compared in the frame of the object. Every value
-is a mean over pairs and therefore does not depend on the number of demonstrations.
+Two demonstrations of the same condition are compared in the motions that belong to the same subgoal and skill. The
+random positions of objects in their slots are removed first, so that copies of one path from different initial states
+have no variety. Paths are compared by their offset from the straight line between their end points. Grasps and
+approaches are compared in the frame of the object. Every value is a mean over pairs of demonstrations, so it does not
+depend on the number of demonstrations.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 SAMPLES = 40
-"""Number of compared points on a path, at equal fractions of its length."""
+"""Number of points at which two paths are compared, at equal fractions of their length."""
 APPROACH_M = 0.05
-"""Length of the final part of a path, which defines the approach direction [m]."""
+"""Length of the final part of a path, whose direction is the approach direction [m]."""
 MOST_COMPARED = 200
-"""Maximum number of compared demonstrations per condition, in seed order."""
+"""Maximum number of demonstrations per condition that are compared. Those with the smallest seeds are used."""
 
 _SAID = (
     "Mean difference between two demonstrations of a condition in the same motion. Slot jitter is removed. Paths are "
@@ -45,15 +46,16 @@ class Spread:
     """Mean difference between two demonstrations in the same motion.
 
     Attributes:
-        path_cm: Distance between two tool paths at equal fractions of their length, without slot jitter [cm].
-        height_cm: Difference between the maximum tool heights [cm].
+        path_cm: Distance between the tool paths at equal fractions of their length, without the random positions of
+            objects in their slots [cm].
+        height_cm: Difference between the maximum heights of the tool [cm].
         side_cm: Difference between the mean sideways offsets from the straight line, in the middle half of the paths
             [cm].
-        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or region [deg].
-        duration_s: Difference between the motion durations [s].
-        grasp_cm: Distance between the tool centers when the gripper closes, in the object's frame [cm]; None without a
-            grasp.
-        grasp_deg: Rotation between the tools when the gripper closes [deg]; None without a grasp.
+        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or target region [deg].
+        duration_s: Difference between the durations of the motion [s].
+        grasp_cm: Distance between the tool centers when the gripper closes, in the frame of the object [cm]; None if
+            there is no grasp.
+        grasp_deg: Rotation between the tool orientations when the gripper closes [deg]; None if there is no grasp.
     """
 
     path_cm: float
@@ -74,18 +76,21 @@ SPREADS: Mapping[str, str] = {
     "grasp_cm": "grasp [cm]",
     "grasp_deg": "turn [°]",
 }
-"""Column headings of the fields of :class:`Spread`."""
+"""Column heading of each field of :class:`Spread`."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Variety of the demonstrations of a condition in one motion, to a grasp or from a grasp to the release.
+    """Variety of the demonstrations of a condition in one motion, i.e. how much they differ.
+
+    A motion ends with a grasp, or leads from a grasp to the release.
 
     Attributes:
         condition: Condition name.
         subgoal: Subgoal name.
         skill: Kind of the skill at the end of the motion.
-        demonstrations: Number of demonstrations compared, at least two.
+        demonstrations: Number of demonstrations that were compared, at least two.
+        spread: Mean difference between two of them.
     """
 
     condition: str
@@ -97,11 +102,11 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """Variety of a task's demonstrations.
+    """Variety of the demonstrations of a task, i.e. how much they differ.
 
     Attributes:
         task: Task name.
-        spread: Mean over all motions.
+        spread: Mean difference between two demonstrations, averaged over all motions.
         motions: Variety of each motion, for conditions with at least two demonstrations.
     """
 
@@ -112,15 +117,15 @@ class TaskVariety:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """Motion in a demonstration.
+    """Motion in one demonstration.
 
     Attributes:
         off: (SAMPLES, 3) offset of the path from the straight line between its end points [m].
         height_m: Maximum height of the tool [m].
-        side_m: Mean offset to the left of this line, seen from above, in the middle half of the path [m].
-        approach: Direction of the final approach as a unit vector, in the frame of the object or region.
+        side_m: Mean offset to the left of the straight line, as seen from above, in the middle half of the path [m].
+        approach: Direction of the final approach as a unit vector, in the frame of the object or target region.
         duration_s: Duration of the motion [s].
-        grasp: Tool pose in the frame of the object when the gripper closes; None if it opens.
+        grasp: Tool pose in the frame of the object when the gripper closes; None if the motion ends with a release.
     """
 
     off: npt.NDArray[np.float64]
@@ -132,16 +137,16 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Accumulator for the variety of a set, one record at a time."""
+    """Accumulator for the variety of a set of demonstrations. Records are added one at a time."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
         self._compared: Counter[tuple[str, str]] = Counter()
 
     def add(self, record: Record) -> None:
-        """Add a demonstration.
+        """Add the record of a demonstration.
 
-        Only the first :data:`MOST_COMPARED` successful demonstrations of a condition are used.
+        Only the first :data:`MOST_COMPARED` successful demonstrations of each condition are used.
         """
         of = (record.metadata.task, record.metadata.condition)
         if not record.outcome.success or self._compared[of] >= MOST_COMPARED:
@@ -152,7 +157,7 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return the variety of the demonstrations by task.
+        """Return how much the demonstrations of each task differ.
 
         The result is empty if no condition has two demonstrations.
         """
@@ -168,9 +173,15 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return the variety of a run's successful demonstrations, for some tasks or all.
+    """Return how much the successful demonstrations in a run differ, for each task.
 
-    ``on_progress`` gets the number of records read and the total. Raises RecordError if a record cannot be read.
+    Args:
+        run: Folder of the run.
+        tasks: Tasks to include; None for all tasks.
+        on_progress: Called with the number of records read so far and the total number.
+
+    Raises:
+        RecordError: If a record cannot be read.
     """
     chosen = None if tasks is None else set(tasks)
     done = sorted(e.key for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen))
@@ -189,7 +200,10 @@ def variety_of_run(
 
 
 def mean_spread(spreads: Sequence[Spread]) -> Spread:
-    """Return the mean of at least one spread. Grasps are averaged over the spreads with a grasp."""
+    """Return the mean of one or more spreads.
+
+    The grasp values are averaged over those spreads that have grasp values.
+    """
     means: dict[str, float | None] = {}
     for name in SPREADS:
         values = [v for v in (getattr(spread, name) for spread in spreads) if v is not None]
@@ -198,7 +212,10 @@ def mean_spread(spreads: Sequence[Spread]) -> Spread:
 
 
 def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
-    """Return a text table of the variety. Each task follows its sources."""
+    """Return the variety of a demonstration set as Markdown lines.
+
+    For each task, the variety of the source demonstrations is listed above the variety of the set.
+    """
     if not variety:
         return ["## Variety", "", "No condition has two demonstrations that could be compared."]
     cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
@@ -206,7 +223,11 @@ def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]
 
 
 def variety_rows(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[tuple[str, ...]]:
-    """Return one row per task and set: task, "sources" or "set", and the values of its spread."""
+    """Return the rows of the variety table.
+
+    Each row contains the task, the word "sources" or "set", and the values of the spread. A task has one row for the
+    set and, if there are source demonstrations, one row for them.
+    """
     of_sources = {t.task: t for t in sources}
     rows: list[tuple[str, ...]] = []
     for t in variety:
@@ -222,7 +243,10 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return the motions of a demonstration by subgoal and skill. Of repeated motions, only the last is kept."""
+    """Return the motions of a demonstration by subgoal and skill.
+
+    If a motion is repeated, the last repetition is kept.
+    """
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)
@@ -231,7 +255,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
     for segment in segments:
         for window in segment.skills:
             if window.kind == "miss":
-                continue  # this part belongs to the transit to the next grasp
+                continue  # a missed grasp is part of the transit to the next grasp
             goal = _goal_of(record, window)
             if segment.subgoal and window.change - begin > 1:
                 found[segment.subgoal, window.kind] = _motion(record, window, begin, start, goal)
@@ -241,7 +265,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the reference frame at the end of a motion, which is that of the object or of the target region."""
+    """Return the reference frame at the end of a motion: the frame of the object or of the target region."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)
@@ -294,19 +318,25 @@ def _rounded(value: float) -> float:
 
 
 def _apart(paths: npt.NDArray[np.float64]) -> float:
-    """Return the mean distance over pairs of paths, shape (paths, points, 3)."""
+    """Return the mean distance between paths, averaged over all pairs of paths.
+
+    ``paths`` has the shape (paths, points, 3).
+    """
     sums = [np.linalg.norm(paths[i + 1 :] - paths[i], axis=2).mean(axis=1).sum() for i in range(len(paths) - 1)]
     return float(sum(sums)) / _pairs(len(paths))
 
 
 def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
-    """Return the mean angle between pairs of unit vectors, shape (vectors, 3) [deg]."""
+    """Return the angle between unit vectors, averaged over all pairs of vectors [deg].
+
+    ``vectors`` has the shape (n, 3).
+    """
     angles = np.degrees(np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0)))
     return float(np.triu(angles, 1).sum()) / _pairs(len(vectors))
 
 
 def _turn_apart(quaternions: npt.NDArray[np.float64]) -> float:
-    """Return the mean rotation between pairs of rotations, shape (rotations, 4) [deg]."""
+    """Return the rotation between orientations, averaged over all pairs of quaternions (n, 4) [deg]."""
     turns = np.degrees(2.0 * np.arccos(np.clip(np.abs(quaternions @ quaternions.T), 0.0, 1.0)))
     return float(np.triu(turns, 1).sum()) / _pairs(len(quaternions))
 

@@ -1,4 +1,4 @@
-"""Fine-tuning recipes: configurations and commands for openpi, GR00T, Being-H and LeRobot."""
+"""Fine-tuning recipes: configuration files and commands that train openpi, GR00T, Being-H and LeRobot policies."""
 
 from betterbench.demonstrations.recipes.recipe import Framework, Recipe, Setting, recipe_of
 from betterbench.demonstrations.recipes.trainer import TrainerSetup

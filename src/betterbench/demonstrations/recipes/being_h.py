@@ -1,7 +1,11 @@
-"""Recipe for Being-H0.5 and its own trainer: data configuration, and sequence packing for the batch size.
+"""Recipe for training Being-H0.5 with its own trainer.
 
-Fields: BeingBeyond/Being-H@594219ea, ``BeingH/train/train.py`` (arguments), ``scripts/train/train_libero_example.sh``
-(values), ``configs/data_config.py`` and ``configs/dataset_info.py`` (registries).
+The recipe consists of a data configuration and of settings for sequence packing. These settings determine the batch
+size.
+
+The fields are taken from BeingBeyond/Being-H@594219ea: ``BeingH/train/train.py`` (arguments),
+``scripts/train/train_libero_example.sh`` (values), ``configs/data_config.py`` and ``configs/dataset_info.py``
+(registries).
 """
 
 from __future__ import annotations
@@ -43,12 +47,15 @@ _TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are a
 
 
 def being_h_setup(training: Training) -> TrainerSetup:
-    """Return the setup of Being-H. Raises InvalidInputError if Being-H cannot follow the recipe."""
+    """Return the files and commands for training Being-H.
+
+    Raises InvalidInputError if Being-H cannot follow the recipe.
+    """
     recipe = training.recipe
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "Being-H cannot be trained without a state: with a dropout of 1.0, the state would be missing in "
+            "Being-H cannot be trained without a state: with a state dropout of 1.0, the state would be missing in "
             "training but present in evaluation",
             "Write a constant state into the data and use the same constant in evaluation, or leave the field out",
         )
@@ -163,7 +170,7 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
         raise InvalidInputError(
             "frozen: being-h",
             "the language model cannot be frozen separately: freeze_llm also freezes the action expert",
-            "Freeze vision and language, vision, or nothing",
+            "Freeze both vision and language, only vision, or nothing",
         )
     whole = frozen == {"vision", "language"}
     return (
@@ -201,7 +208,7 @@ def _module(training: Training, group: str, *, ours: bool) -> str:
     sources = "\n".join(f"            {key!r}: {name!r}," for key, name in columns.items())
     places = {data.name: {"dataset_path": data.place} for data in training.data}
     if len(places) < len(training.data):
-        raise InvalidInputError("--data", "two data sets are in folders of the same name", "Rename one folder")
+        raise InvalidInputError("--data", "two data sets are in folders of the same name", "Rename one of the folders")
     own = (
         f'''
     class BetterDataConfig(data_config.LiberoNoNormDataConfig):

@@ -1,7 +1,10 @@
-"""Recipe for GR00T N1.6: modality configuration, checkpoint copy with a completely frozen backbone, and launcher.
+"""Recipe for training GR00T N1.6.
 
-Fields: NVIDIA/Isaac-GR00T@15ce93d2 (N1.6), ``gr00t/configs/finetune_config.py`` and
-``gr00t/experiment/launch_finetune.py``. Its license permits only research and evaluation.
+The recipe consists of a modality configuration, a copy of the checkpoint whose backbone can be frozen completely, and
+the command that starts the training.
+
+The fields are taken from NVIDIA/Isaac-GR00T@15ce93d2 (N1.6): ``gr00t/configs/finetune_config.py`` and
+``gr00t/experiment/launch_finetune.py``. The license of GR00T permits only research and evaluation.
 """
 
 from __future__ import annotations
@@ -36,14 +39,14 @@ _JITTER = {"brightness": 0.3, "contrast": 0.4, "saturation": 0.5, "hue": 0.08}
 
 
 def gr00t_setup(training: Training) -> TrainerSetup:
-    """Return the setup of GR00T. Raises InvalidInputError if GR00T cannot follow the recipe."""
+    """Return the files and commands for training GR00T. Raises InvalidInputError if GR00T cannot follow the recipe."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "GR00T cannot be trained without a state: with a dropout of 1.0, the state would be missing in training "
-            "but present in evaluation",
+            "GR00T cannot be trained without a state: with a state dropout of 1.0, the state would be missing in "
+            "training but present in evaluation",
             "Write a constant state into the data and use the same constant in evaluation, or leave the field out",
         )
     parts, origin, where = recipe.frozen_parts("gr00t")
@@ -133,7 +136,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
 
 
 def _flags(settings: tuple[Setting, ...]) -> list[tuple[str, str]]:
-    """Return the launcher's flags in tyro's syntax."""
+    """Return the command-line flags for the settings, in the syntax of tyro, which the launcher uses to parse them."""
     found = []
     for setting in settings:
         if not setting.name.startswith("--"):
@@ -150,7 +153,7 @@ def _flags(settings: tuple[Setting, ...]) -> list[tuple[str, str]]:
 def _modality_file(chunk: int) -> str:
     found = modality(layout_of(PRESET))
     if found is None:
-        raise InvalidInputError("preset", f"{PRESET} has columns that GR00T does not read", "Report this")
+        raise InvalidInputError("preset", f"{PRESET} has columns that GR00T does not read", "Report this as a bug")
     (annotation,) = found["annotation"]
     actions = list(found["action"])
     texts = {"video": _quoted(found["video"]), "state": _quoted(found["state"]), "actions": _quoted(actions)}

@@ -1,8 +1,8 @@
-"""Recipe for LeRobot: a ``train_config.json`` for its ``TrainPipelineConfig``, for several policy types.
+"""Recipe for training with LeRobot: a ``train_config.json`` for LeRobot's ``TrainPipelineConfig``.
 
-Fields: huggingface/lerobot 0.4.4 and 0.6.1, ``configs/train.py``, ``configs/default.py`` and
-``policies/*/configuration_*.py``. Only fields that exist in both releases are written, except for policies that were
-added later.
+The recipe supports several policy types. The fields are taken from huggingface/lerobot 0.4.4 and 0.6.1:
+``configs/train.py``, ``configs/default.py`` and ``policies/*/configuration_*.py``. Only fields that exist in both
+releases are written, except for policies that were added later.
 """
 
 from __future__ import annotations
@@ -40,26 +40,27 @@ _POLICIES: Mapping[str, Mapping[str, Any]] = {
 }
 _WEIGHTS = {"smolvla": "lerobot/smolvla_base", "pi0": "lerobot/pi0_base", "pi05": "lerobot/pi05_base"}
 _DOWNSAMPLED = 8
-"""Required divisor of the diffusion policy's horizon: 2 to the power of the number of down_dims
-(configuration_diffusion.py)."""
+"""The horizon of the diffusion policy must be a multiple of this number, which is 2 to the power of the number of
+``down_dims`` (configuration_diffusion.py).
+"""
 _WITHOUT_LANGUAGE = ("act", "diffusion")
 
 
 def lerobot_setup(training: Training) -> TrainerSetup:
-    """Return the setup of LeRobot.
+    """Return the files and commands for training with LeRobot.
 
     Raises:
         UnknownNameError: If the policy type does not exist.
-        InvalidInputError: If the recipe does not fit it.
+        InvalidInputError: If the recipe does not fit the policy type.
     """
     recipe, data, policy = training.recipe, training.only_data, training.policy
     if policy not in _POLICIES:
-        raise UnknownNameError("policy of LeRobot", policy, _POLICIES)
+        raise UnknownNameError("LeRobot policy", policy, _POLICIES)
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
             "no known policy of LeRobot can be trained without observation.state",
-            "Leave the field out, or use openpi",
+            "Leave out the field proprioception, or use openpi",
         )
     settings = _settings(training)
     name = f"{recipe.name}_{policy}"
@@ -114,9 +115,11 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     longest = (form.chunk or default) - (chunk == "horizon")
     if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
         problem = f"diffusion halves its horizon three times, but {form.chunk} is not a multiple of {_DOWNSAMPLED}"
-        raise InvalidInputError("chunk", problem, "Give a multiple of 8, or omit chunk")
+        raise InvalidInputError("chunk", problem, "Use a multiple of 8, or leave out the field")
     if longest < 1:
-        raise InvalidInputError("chunk", f"{policy} needs at least two steps", "Give a larger chunk, or omit it")
+        raise InvalidInputError(
+            "chunk", f"{policy} needs at least two steps", "Use a larger number, or leave out the field"
+        )
     batch = recipe.setting("batch", "batch")
     rows = [
         Setting(
@@ -161,11 +164,13 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
     frozen = set(parts)
     if frozen and policy not in ("smolvla", "pi05"):
         raise InvalidInputError(
-            "frozen: lerobot", f"{policy} has no option to freeze parts", "Leave out frozen, or use pi05 or smolvla"
+            "frozen: lerobot",
+            f"{policy} has no option to freeze parts of the model",
+            "Leave out the field frozen, or use the policy pi05 or smolvla",
         )
     if frozen == {"language"}:
         problem = f"the language model of {policy} cannot be frozen separately"
-        raise InvalidInputError("frozen: lerobot", problem, "Freeze vision and language, vision, or nothing")
+        raise InvalidInputError("frozen: lerobot", problem, "Freeze both vision and language, only vision, or nothing")
     if policy not in ("smolvla", "pi05"):
         return ()
     return (

@@ -1,8 +1,8 @@
-"""Recipe for openpi (pi0.5): one Python file that registers a ``TrainConfig`` and starts openpi's own scripts.
+"""Recipe for training pi0.5 with openpi: one Python file that registers a ``TrainConfig`` and starts openpi's scripts.
 
-Fields: Physical-Intelligence/openpi@15a9616a, ``src/openpi/training/config.py`` (``TrainConfig``, ``pi05_libero``) and
-``src/openpi/models/pi0_config.py`` (``get_freeze_filter``). Fields for a real arm: ``SimpleDataConfig``,
-``pi05_aloha_pen_uncap``, and ``DeltaActions`` of ``src/openpi/transforms.py``.
+The fields are taken from Physical-Intelligence/openpi@15a9616a: ``src/openpi/training/config.py`` (``TrainConfig``,
+``pi05_libero``) and ``src/openpi/models/pi0_config.py`` (``get_freeze_filter``). The fields for a real arm are taken
+from ``SimpleDataConfig``, ``pi05_aloha_pen_uncap``, and ``DeltaActions`` in ``src/openpi/transforms.py``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ _FREEZE["vision", "language"] = f"nnx.Any({_FREEZE['vision',]}, {_FREEZE['langua
 
 
 def openpi_setup(training: Training) -> TrainerSetup:
-    """Return the setup of openpi. Raises InvalidInputError if openpi cannot follow the recipe."""
+    """Return the files and commands for training with openpi.
+
+    Raises InvalidInputError if openpi cannot follow the recipe.
+    """
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     if recipe.benchmark == "real":
@@ -92,11 +95,16 @@ def openpi_setup(training: Training) -> TrainerSetup:
 
 
 def _real_setup(training: Training) -> TrainerSetup:
-    """Return the setup for data recorded by LeRobot with an SO-101: absolute joint positions and two cameras."""
+    """Return the files and commands for training on data that LeRobot recorded with an SO-101.
+
+    These data contain absolute joint positions and the images of two cameras.
+    """
     recipe, data = training.recipe, training.only_data
     name = f"{recipe.name}_pi05"
     file, repo_id = f"{name}.py", f"local/{data.name}_v21"
-    older = f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # an absolute path, because the commands run in several folders
+    older = (
+        f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # an absolute path, because the commands run in different folders
+    )
     settings = _real_settings(training, repo_id)
     run = shell_line(["uv", "run", own_file(file)])
     commands = []
@@ -170,7 +178,7 @@ def _real_settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
 
 
 def _real_files(name: str, settings: tuple[Setting, ...]) -> dict[str, str]:
-    """Return the launcher, and the module that the processes of its data loader import."""
+    """Return the launcher and the module that the processes of the data loader import, as contents by file name."""
     values = {setting.name: setting.value for setting in settings}
     texts = {field.replace(".", "_"): repr(value) for field, value in values.items()}
     imports = "    import openpi.shared.nnx_utils as nnx_utils\n" if "nnx_utils" in values["freeze_filter"] else ""

@@ -1,4 +1,4 @@
-"""Fine-tuning recipes: the values prescribed by the paper, with their sources."""
+"""Fine-tuning recipes: the values that the paper prescribes, each with its source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ Backbone = Literal["vision", "language"]
 Benchmark = Literal["better", "libero", "calvin", "real"]
 RecipeName = Literal["better", "libero", "calvin", "real_arm"]
 Origin = Literal["paper", "upstream", "recipe", "ours"]
-"""Origin of a value: the paper, the recipe of the framework, the recipe file of the user, or betterbench."""
+"""Origin of a value: the paper, the framework's own recipe ("upstream"), the user's recipe file, or betterbench
+("ours").
+"""
 
 _CURE = "Correct the recipe; see docs/recipes.md for an example"
 
@@ -28,7 +30,7 @@ Positive = Annotated[int, Field(ge=1, le=100_000_000)]
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Field of a framework's configuration, with its value and source."""
+    """Field of a framework's configuration, with its value and the source of the value."""
 
     name: str
     value: Any
@@ -39,7 +41,7 @@ class Setting:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RecipeForm:
-    """Format of a recipe file. Missing fields are taken from the recipe that the file extends."""
+    """Content of a recipe file. Fields that are missing are taken from the recipe that the file extends."""
 
     extends: RecipeName = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
@@ -58,14 +60,16 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Resolved recipe. Each value is either set or left to the framework (None).
+    """Recipe in which each value is either set or left to the framework (None).
 
     Attributes:
-        name: Name of the recipe, used in the names of configurations and folders.
-        form: Content of the user's file.
-        fixed: Values of ``steps`` and ``batch``, each with its origin and its location in the origin.
-        frozen: Frozen parts of the backbone by framework, with the location in the paper.
-        policies: Steps and batch by policy type, for types whose recipe in LeRobot differs.
+        name: Name of the recipe, which is used in the names of configurations and folders.
+        benchmark: Benchmark whose demonstrations are used for training.
+        form: Content of the user's recipe file.
+        fixed: Values of ``steps`` and ``batch`` that apply if the user's file does not set them, each with its source
+            and the passage of the source that states it.
+        frozen: Frozen parts of the backbone by framework, with the passage of the paper that states them.
+        policies: Steps and batch size by policy type, for the policy types of LeRobot that have a different recipe.
     """
 
     name: str
@@ -82,7 +86,7 @@ class Recipe:
 
     @property
     def batch(self) -> int:
-        """Total batch size per step over all GPUs."""
+        """Total batch size per step, summed over all GPUs."""
         return self.form.batch or self.fixed["batch"][0]
 
     @property
@@ -91,18 +95,27 @@ class Recipe:
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the number of steps between checkpoints, chosen so that the last step is saved."""
+        """Return the number of steps between two checkpoints, chosen so that the last step is saved.
+
+        Args:
+            usual: Preferred number of steps, which is used if it divides the total number of steps.
+        """
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, what: Literal["steps", "batch"]) -> Setting:
-        """Return steps or batch as a field of a framework."""
+        """Return the number of steps or the batch size as a field of a framework's configuration.
+
+        Args:
+            name: Name of the field in the framework.
+            what: Value to return, ``steps`` or ``batch``.
+        """
         given = getattr(self.form, what)
         return given_or(name, given, *self.fixed[what])
 
     def of_policy(self, policy: str) -> Recipe:
         """Return the recipe for a policy type of LeRobot.
 
-        Raises InvalidInputError if save_every does not divide its steps.
+        Raises InvalidInputError if ``save_every`` does not divide the number of steps.
         """
         fixed = dict(self.fixed)
         if self.policies and policy != "pi05":  # the paper trained pi0.5 only
@@ -112,7 +125,11 @@ class Recipe:
         return found
 
     def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
-        """Return the frozen parts of a framework's backbone (None for its default), and the source."""
+        """Return the frozen parts of the backbone for a framework, with the source of this choice.
+
+        The parts are None if the framework's default is used. The last of the returned values is the passage of the
+        source that states the choice.
+        """
         given = (self.form.frozen or {}).get(framework)
         if given is not None:
             return given, "recipe", "frozen"
@@ -123,20 +140,28 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field with its value in the recipe file, or the default value with its origin."""
+    """Return a field of a framework's configuration: the value in the recipe file if there is one, otherwise a default.
+
+    Args:
+        name: Name of the field in the framework.
+        given: Value in the recipe file; None if the file does not set the field.
+        value: Default value.
+        origin: Source of the default value.
+        where: Passage of the source that states the default value.
+    """
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe of the paper by name, or create a recipe from the fields of a file.
+    """Return a recipe of the paper by name, or create a recipe from the content of a recipe file.
 
     Args:
         form: ``better``, ``libero``, ``calvin`` or ``real_arm``, or a mapping of fields.
-        where: File name, for errors.
+        where: File name for error messages.
 
     Raises:
         UnknownNameError: If the paper has no recipe of that name.
-        InvalidInputError: If a field is wrong.
+        InvalidInputError: If a field has an invalid value.
     """
     if isinstance(form, str) or form is None:
         name = form or "better"
@@ -146,7 +171,7 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
     read = read_form(_FORM, form, where=where, cure=_CURE)
     for framework, parts in (read.frozen or {}).items():
         if len(set(parts)) < len(parts):
-            raise InvalidInputError(f"{where}: frozen: {framework}", "names a part twice", _CURE)
+            raise InvalidInputError(f"{where}: frozen: {framework}", "a part is listed twice", _CURE)
     base = _paper()[read.extends]
     recipe = Recipe(
         name=read.name or read.extends,
@@ -168,12 +193,12 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
 
 
 def _check_saving(recipe: Recipe, where: str) -> None:
-    """Raise InvalidInputError if the last step is not saved."""
+    """Raise InvalidInputError if no checkpoint would be saved at the last step."""
     if recipe.steps % recipe.save_every:
         problem = (
             f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last checkpoint would not be saved"
         )
-        raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or omit save_every")
+        raise InvalidInputError(f"{where}: save_every", problem, "Use a divisor of steps, or leave out save_every")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Setup of a framework for a recipe: files, configuration fields with sources, and manual checks."""
+"""Setup for training by a recipe: files for the framework, settings with their sources, and manual checks."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.tasks import get_task
 
 SOURCE_FILE = Path("meta/betterbench.json")
-_CURE = "Give a folder written by better export, or a folder that does not exist yet"
-_RECORD_AGAIN = "Give a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
+_CURE = "Use a folder that better export wrote, or a folder that does not exist yet"
+_RECORD_AGAIN = "Use a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
 _MAX_META_BYTES = 1 << 28
 REAL_CAMERAS = ("front", "wrist")
 SO101_COLUMNS = SO101_DEGREES.components
-"""Components of state and action, named as in LeRobot's so101_follower."""
+"""Names of the components of state and action, as in LeRobot's so101_follower."""
 REAL_PRESET = "lerobot_so101_degrees"
-"""Adapter preset of a policy that was trained on such data."""
+"""Adapter preset for evaluating a policy that was trained on data of a real SO-101."""
 REAL_RATE_HZ = CONTROL_RATE_HZ
-"""Rate of demonstrations and trials in the protocol, equal to the control rate of the simulated twin [Hz]."""
+"""Rate of demonstrations and trials in the real-arm protocol [Hz]. It equals the control rate of the simulated arm."""
 DEMONSTRATIONS = 25
 """Number of demonstrations per training condition in the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingData:
-    """Training data set.
+    """Data set used for training.
 
     Attributes:
-        place: Folder, or the name of a data set on the Hugging Face hub.
-        preset: Export layout of betterbench; empty for other data.
-        frames: Number of frames, if the data set is on this machine.
-        quality: Render quality of the data set's images.
-        still: Nearly constant components, which normalization amplifies.
-        rate_hz: Rate of the frames, if the data set is on this machine.
-        episodes: Number of episodes, if it is on this machine.
+        place: Folder of the data set, or its name on the Hugging Face hub.
+        preset: Preset with which betterbench exported the data set; "" for other data.
+        frames: Number of frames; None if the data set is not on this machine.
+        quality: Render quality of the images.
+        still: Components that are nearly constant, so that normalization amplifies their noise.
+        rate_hz: Frame rate [Hz]; None if the data set is not on this machine.
+        episodes: Number of episodes; None if the data set is not on this machine.
     """
 
     place: str
@@ -65,14 +65,15 @@ class TrainingData:
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """Training requested by the user.
+    """Training run that the user requests.
 
     Attributes:
-        data: Data sets: one, or several if the framework can mix them.
+        recipe: Recipe to follow.
+        data: Data sets. There is more than one only if the framework can mix data sets.
         gpus: Number of GPUs.
-        weights: Initial weights, or None for the framework's published weights.
-        policy: Type of policy, for LeRobot.
-        sample_tokens: Tokens of one sample, for Being-H's packing.
+        weights: Initial weights; None for the weights that the framework publishes.
+        policy: Policy type, for LeRobot.
+        sample_tokens: Number of tokens in one sample, for the sequence packing of Being-H.
     """
 
     recipe: Recipe
@@ -83,49 +84,55 @@ class Training:
     sample_tokens: int = 220
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for invalid numbers and paths."""
+        """Raise InvalidInputError if a number is out of range or the path of the weights is invalid."""
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
-            raise InvalidInputError("--weights", f"{self.weights!r} is not a path", "Give a file or a folder")
+            raise InvalidInputError("--weights", f"{self.weights!r} is not a path", "Pass a file or a folder")
 
     @property
     def only_data(self) -> TrainingData:
-        """The only data set. Raises InvalidInputError if there are several."""
+        """The data set, for frameworks that read only one. Raises InvalidInputError if there are several."""
         if len(self.data) != 1:
             raise InvalidInputError(
                 "--data",
                 f"{len(self.data)} data sets are given, but this trainer reads only one",
-                "Merge them into one data set first",
+                "Merge them into one data set before training",
             )
         return self.data[0]
 
     @property
     def batch_of_gpu(self) -> int:
-        """Batch size per GPU. Raises InvalidInputError if the batch is not divisible by the number of GPUs."""
+        """Batch size per GPU.
+
+        Raises InvalidInputError if the total batch size is not divisible by the number of GPUs.
+        """
         batch = self.recipe.batch
         if batch % self.gpus:
             divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
             raise InvalidInputError(
-                "--gpus", f"a batch of {batch} is not divisible by {self.gpus} GPUs", f"Give one of {divisors}"
+                "--gpus",
+                f"a batch of {batch} cannot be divided evenly among {self.gpus} GPUs",
+                f"Use one of these numbers of GPUs: {divisors}",
             )
         return batch // self.gpus
 
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
-"""Pattern of data set names that are valid for every trainer, in paths, in commands and in YAML."""
+"""Pattern for names of data sets that every trainer accepts in paths, commands and YAML files."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainerSetup:
-    """Setup of a framework: files, configuration fields, commands and checks.
+    """Setup for training with a framework: files, configuration fields, commands and manual checks.
 
     Attributes:
-        upstream: Repository and commit (or release) from which the fields were read.
-        files: Content of each file, by name.
-        settings: The fields of the framework's configuration.
+        framework: Name of the framework.
+        upstream: Repository and commit (or release) from which the fields were taken.
+        files: Content of each file, by file name.
+        settings: Fields of the framework's configuration.
         commands: Title and command lines of each step, in order.
-        evaluation: Command that evaluates the trained policy.
+        evaluation: Commands that evaluate the trained policy.
         checks: Manual checks for errors that the framework does not report.
     """
 
@@ -139,23 +146,23 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Return the description of a data set, as far as its files are on this machine.
+    """Describe a data set. Values that are read from its files are None if the files are not on this machine.
 
     Args:
-        place: Folder of the data set, or for other benchmarks also its name on the hub.
-        preset: Export layout that the trainer needs, for data of betterbench.
-        version: Version of LeRobot's format that the trainer reads ("v2.1", "v3.0").
+        place: Folder of the data set. For other benchmarks, it may also be the name of a data set on the hub.
+        preset: Export preset that the trainer needs, for data exported by betterbench.
+        version: Version of LeRobot's format that the trainer reads ("v2.1" or "v3.0").
         benchmark: Benchmark of the recipe.
 
     Raises:
-        InvalidInputError: If it exists here but does not fit the trainer.
+        InvalidInputError: If the data set is on this machine but does not fit the trainer.
     """
     folder = Path(place)
     if not _is_place(place):
-        raise InvalidInputError("--data", f"{place!r} is not the path of a data set", "Give the folder of a data set")
+        raise InvalidInputError("--data", f"{place!r} is not the path of a data set", "Pass the folder of a data set")
     if not _NAME.fullmatch(folder.name):
         problem = f"{folder.name!r}, the last part of {place!r}, is not a valid name of a data set"
-        raise InvalidInputError("--data", problem, "Rename the folder, with only letters, digits, '_', '.' and '-'")
+        raise InvalidInputError("--data", problem, "Rename the folder, using only letters, digits, '_', '.' and '-'")
     if benchmark == "real" and folder.exists():
         return recorded_data(folder)
     if benchmark != "better" or not folder.exists():
@@ -166,7 +173,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         _SOURCE, open_seal(raw, where=str(file), cure=_CURE, since=("version", 2)), where=str(file), cure=_CURE
     )
     to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
-    cure = f"Make it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
+    cure = f"Export it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
     if source.layout.adapter.name != preset:
         found = one_line(source.layout.adapter.name, most=80)
         raise InvalidInputError(place, f"its layout is {found}, but this trainer needs {preset}", cure)
@@ -189,17 +196,17 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
 
 
 def recorded_data(folder: Path) -> TrainingData:
-    """Return the description of a data set that LeRobot recorded with an SO-101.
+    """Describe a data set that LeRobot recorded with an SO-101.
 
     Raises:
-        InvalidInputError: If version, arm or cameras differ from those of the protocol.
+        InvalidInputError: If the format version, the arm or the cameras differ from those of the protocol.
     """
     info = _read(folder / "meta/info.json", _RECORDED, cure=_RECORD_AGAIN)
     place = str(folder)
     if info.codebase_version != "v3.0":
         found = one_line(info.codebase_version, most=80)
         raise InvalidInputError(
-            place, f"its format is LeRobot {found}, expected v3.0", "Convert it with LeRobot's conversion script"
+            place, f"its format is LeRobot {found}, expected v3.0", "Convert the data with LeRobot's conversion script"
         )
     for column in ("observation.state", "action"):
         names = info.features[column].names if column in info.features else None
@@ -234,7 +241,7 @@ class _Layout:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """Fields of :data:`SOURCE_FILE` that are read."""
+    """Fields of :data:`SOURCE_FILE` that this module uses."""
 
     layout: _Layout
     quality: Literal["fast", "standard", "high"]
@@ -243,7 +250,7 @@ class _Source:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Info:
-    """Fields of ``meta/info.json`` that are read."""
+    """Fields of ``meta/info.json`` that this module uses."""
 
     codebase_version: str
     total_frames: Annotated[int, Field(ge=1, le=10**12)]
@@ -252,7 +259,7 @@ class _Info:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Feature:
-    """Fields of a feature that are read. The names of an image are those of its axes."""
+    """Names of a feature's components. For an image, these are the names of its axes."""
 
     names: tuple[str, ...] | dict[str, Any] | None = None
 
@@ -260,7 +267,7 @@ class _Feature:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Recorded:
-    """Fields of ``meta/info.json`` of a recorded data set that are read."""
+    """Fields of ``meta/info.json`` that this module uses for a data set recorded with a real arm."""
 
     codebase_version: str
     total_frames: Annotated[int, Field(ge=1, le=10**12)]
@@ -284,14 +291,21 @@ def _is_place(text: str) -> bool:
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
-    """Return the ``better export`` command that writes this data set."""
+    """Return the ``better export`` command that writes a data set.
+
+    Args:
+        data: The data set.
+        to: Format of the data set.
+        images: How images are stored, "video" or "png".
+        place: Output folder; None for the folder of ``data``.
+    """
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
     return shell_line(words)
 
 
 def record_lines(place: str) -> str:
-    """Return the commands that record the paper's demonstrations, with one session per instruction and layout."""
+    """Return the commands that record the paper's demonstrations, one session per instruction and object layout."""
     task = get_task("fruit_basket")
     lines = []
     for number, condition in enumerate(task.training):
@@ -316,7 +330,13 @@ def record_lines(place: str) -> str:
 
 
 def real_evaluation(name: str, address: str, data: TrainingData) -> str:
-    """Return the commands that evaluate a policy on the real arm, and on its twin."""
+    """Return the commands that evaluate a policy on the real arm, and on the same arm in simulation.
+
+    Args:
+        name: Name of the policy in the evaluation.
+        address: Policy address, such as ``openpi://localhost:8000``.
+        data: Data set on which the policy was trained.
+    """
     rate = data.rate_hz or REAL_RATE_HZ
     plan = ["better", "real", "plan", "--out", "bench", "--policies", f"{name}={address}", "--trials", "3"]
     plan += ["--rate-hz", f"{rate:g}"] * (rate != REAL_RATE_HZ)
@@ -335,7 +355,7 @@ def real_evaluation(name: str, address: str, data: TrainingData) -> str:
 
 
 def real_checks(data: TrainingData) -> tuple[str, ...]:
-    """Return the manual checks for training on data of a real arm."""
+    """Return the manual checks for training on data recorded with a real arm."""
     wanted = DEMONSTRATIONS * len(get_task("fruit_basket").training)
     found = [
         f"The paper uses {DEMONSTRATIONS} demonstrations of each of four training conditions, {wanted} in total"
@@ -353,14 +373,19 @@ def real_checks(data: TrainingData) -> tuple[str, ...]:
 def evaluation_lines(
     recipe: Recipe, data: TrainingData, *, address: str, on_libero: str, libero_address: str | None = None
 ) -> str:
-    """Return the commands that evaluate the trained policy, on our suite or with the benchmark's own code.
+    """Return the commands that evaluate the trained policy.
+
+    Policies trained on betterbench's own demonstrations are evaluated on its suite. Policies trained for LIBERO are
+    evaluated with LIBERO's own code and, if possible, also on betterbench's suite.
 
     Args:
-        recipe: Recipe of the training.
-        data: Data set of the training.
-        address: Policy address for a recipe of our suite.
-        on_libero: Commands of the framework's own evaluation, for a recipe of LIBERO.
-        libero_address: Policy address for our suite, for a recipe of LIBERO; None if it cannot be evaluated there.
+        recipe: Training recipe.
+        data: Data set on which the policy is trained.
+        address: Policy address, such as ``openpi://localhost:8000``, for a policy trained on betterbench's
+            demonstrations.
+        on_libero: Commands of the framework's own LIBERO evaluation, for a policy trained for LIBERO.
+        libero_address: Policy address with which a policy trained for LIBERO is evaluated on betterbench's suite; None
+            if this is not possible.
     """
     if recipe.benchmark == "better":
         return _evaluation_line(address, recipe, data)
@@ -379,27 +404,32 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
 
 
 def own_file(file: str) -> ShellText:
-    """Return the path of a file in the recipe folder as a shell word."""
+    """Return the path of a file in the recipe folder, quoted for the shell scripts in that folder."""
     return ShellText(f'"$HERE/{file}"')
 
 
 def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
-    """Format a command with one flag per line."""
+    """Format a shell command with one flag per line."""
     return " \\\n  ".join([command, *(f"{name} {value}".rstrip() for name, value in flags)])
 
 
 def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
-    """Fill in the placeholders of a template in this package."""
+    """Fill in the placeholders of one of this package's templates.
+
+    Args:
+        name: File name of the template.
+        texts: Text for each placeholder.
+    """
     file = importlib.resources.files("betterbench.demonstrations.recipes") / "data" / name
     return Template(file.read_text(encoding="utf-8")).substitute(texts or {})
 
 
 def exposure(training: Training) -> str:
-    """Describe the number of training samples, and the number of passes over the data if known."""
+    """Describe how many samples the training uses and, if the data set is known, how often it passes over the data."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch
-    told = f"{training.recipe.steps:,} steps of {training.recipe.batch} are {samples:,} samples"
+    told = f"{training.recipe.steps:,} steps with a batch size of {training.recipe.batch} use {samples:,} samples"
     if not known or len(known) < len(frames):
         return told + "."
     return f"{told}: {samples / sum(known):.1f} passes over the {sum(known):,} frames of the data."

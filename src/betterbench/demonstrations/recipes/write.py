@@ -1,4 +1,4 @@
-"""Recipe folder: files for the framework, commands, and a page with the source of each field."""
+"""Write a recipe folder: files for the framework, commands, and a page that states the source of each field."""
 
 from __future__ import annotations
 
@@ -50,16 +50,17 @@ def trainer_setup(
     policy: str = "pi05",
     sample_tokens: int = 220,
 ) -> TrainerSetup:
-    """Return the setup of a framework for training by a recipe.
+    """Return the setup for training with a framework according to a recipe: files, settings, commands and checks.
 
     Args:
         framework: The framework.
         recipe: The recipe.
-        data: Paths of the data sets; for LIBERO by default the published set, if the framework has one.
-        gpus: Number of GPUs; by default 4, and 1 for the real arm.
-        weights: Initial weights; the framework's published ones if None.
-        policy: Type of policy, for LeRobot.
-        sample_tokens: Tokens of one sample, for Being-H's packing.
+        data: Paths of the data sets. For LIBERO, the default is the data set that the framework publishes, if there is
+            one.
+        gpus: Number of GPUs. The default is 4, or 1 for the real arm.
+        weights: Initial weights; None for the weights that the framework publishes.
+        policy: Policy type, for LeRobot.
+        sample_tokens: Number of tokens in one sample, for the sequence packing of Being-H.
 
     Raises:
         InvalidInputError: If the data sets or the recipe do not fit the framework.
@@ -69,13 +70,15 @@ def trainer_setup(
     is_real = recipe.benchmark == "real"
     if is_real and framework not in ("openpi", "lerobot"):
         problem = f"{framework} has no recipe for data of a real SO-101"
-        raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or another recipe")
+        raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or choose another recipe")
     recipe = recipe.of_policy(policy if framework == "lerobot" else "pi05")
     published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
     places = tuple(data) or ((published,) if published else ())
     if not places:
         raise InvalidInputError(
-            "--data", "is missing", "Give the folder of the data set, on this machine or on the training machine"
+            "--data",
+            "no data set is given",
+            "Pass the folder of the data set, on this machine or on the training machine",
         )
     preset, version = trainer.module.PRESET, trainer.module.VERSION
     found = tuple(data_of(place, preset=preset, version=version, benchmark=recipe.benchmark) for place in places)
@@ -97,7 +100,7 @@ def trainer_setup(
 
 
 def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
-    """Return the content of all files in a recipe folder, by name."""
+    """Return the content of each file in a recipe folder, by file name."""
     fields = [asdict(setting) for setting in setup.settings]
     told = {"framework": setup.framework, "upstream": setup.upstream, "recipe": recipe.name, "fields": fields}
     return {
@@ -109,10 +112,10 @@ def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
 
 
 def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False) -> None:
-    """Write the files of a recipe into a folder. Files with the same content are kept.
+    """Write the files of a recipe into a folder. Files that already have the same content are not written again.
 
     Raises:
-        RunConflictError: If the folder contains another recipe or other files, unless overwriting is allowed.
+        RunConflictError: If the folder contains another recipe or other files, and ``overwrite`` is False.
         OSError: If the folder cannot be written.
     """
     wanted = {name: text.encode() for name, text in files.items()}
@@ -120,14 +123,14 @@ def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False)
         others = [name for name, data in wanted.items() if (out / name).exists() and read_ordinary(out / name) != data]
         if others and not overwrite:
             raise RunConflictError(
-                f"{out}: it contains another {others[0]}. Choose another folder, or give --overwrite to replace it."
+                f"{out}: it contains a different {others[0]}. Choose another folder, or pass --overwrite to replace "
+                "the file."
             )
         for name, data in wanted.items():
             write_durably(out / name, data)
 
 
 def _is_recipe(out: Path) -> bool:
-    """Return whether a folder contains a recipe."""
     try:
         form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
     except InvalidInputError:

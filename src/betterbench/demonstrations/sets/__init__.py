@@ -1,1 +1,1 @@
-"""Training sets: demonstrations of a training distribution, with checks, card, statistics and audit."""
+"""Training sets: demonstrations of a training distribution, with checks, dataset card, statistics and audit."""

@@ -1,4 +1,4 @@
-"""Production of a training set: demonstrations, their checks, and derived files.
+"""Production of a training set: the demonstrations, their checks, and files derived from them.
 
 ``OUT/recipe.json`` is the recipe, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the other
 files are derived from the records. ``OUT/dataset.json`` is written last and marks the set as complete.
@@ -34,10 +34,10 @@ from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
-"""Folders in a set: the expert demonstrations to amplify, and the demonstrations of the set."""
+"""Folders in a training set: the expert demonstrations that are amplified, and the demonstrations of the set itself."""
 
 OnStage = Callable[[str, int, int, str], None]
-"""Callback with the name of a stage, the number of finished items, the total, and a note."""
+"""Callback that receives the name of a stage, the number of finished items, the total number, and a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +45,17 @@ class MadeDataset:
     """Finished training set.
 
     Attributes:
-        path: Its folder.
-        sha256: Hash of its demonstrations.
+        path: Folder of the set.
+        sha256: Hash of the demonstrations.
         command: Command that reproduces the set.
         demonstrations: Number of demonstrations.
         steps: Number of control steps.
-        missing: Number of initial states that have neither a demonstration nor a replacement.
+        missing: Number of planned initial states for which no demonstration was made, not even with a replacement.
         audit: Shortcut audit; None if no task has enough demonstrations.
-        prediction: Prediction from the audit; None without an audit.
-        pairs: Pairs of twins.
-        variety: Variety of the demonstrations, by task.
-        sources: Variety of the source demonstrations; None without sources.
+        prediction: Predicted failures from the audit; None without an audit.
+        pairs: Pairs of twins, i.e. of demonstrations with the same initial state and different instructions.
+        variety: How much the demonstrations of each task differ.
+        sources: How much the source demonstrations of each task differ; empty if there are no sources.
     """
 
     path: Path
@@ -80,21 +80,23 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make the training set of a recipe. The same call resumes it, and the bytes of the result are the same.
+    """Make the training set that a recipe describes.
+
+    If an earlier call was interrupted, calling the function again resumes its work and gives the same bytes.
 
     Args:
         recipe: Recipe of the set.
         out: Output folder of the set.
-        workers: Worker processes.
-        pictures: Whether to draw a sheet of initial states per task.
+        workers: Number of worker processes.
+        pictures: Whether to draw a sheet of initial states for each task.
         overwrite: Whether to replace files of the set that were edited by hand.
         on_progress: Called with the progress of each stage.
 
     Raises:
-        InvalidInputError: If a number is out of range, a task does not define the training distribution, or its
-            training support was not measured.
+        InvalidInputError: If a number is out of range, a task does not define the training distribution, or the
+            training support of a task was not measured.
         UnknownNameError: If a task does not exist.
-        RunConflictError: If the folder contains another dataset, or another process writes to it.
+        RunConflictError: If the folder contains another data set, or another process writes to it.
         RecordError: If a record is damaged, or shows behavior outside the training distribution.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
@@ -108,13 +110,13 @@ def make_dataset(
 
 
 def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures: bool) -> MadeDataset:
-    """Make the set in a locked folder."""
+    """Make a training set in its folder, which the caller has locked."""
     keep_recipe(recipe, out)
     (out / "dataset.json").unlink(missing_ok=True)
     run = _demonstrations(recipe, out, workers, tell)
     trials = sorted(entry.key for entry in run.entries() if entry.status == "done")
     if not trials:
-        raise InvalidInputError(str(run.path), "no attempt was accepted", "See the report in its folder acceptance")
+        raise InvalidInputError(str(run.path), "no attempt was accepted", "See the reasons in its folder acceptance")
     held_out = frozenset(validation_seeds({trial.seed for trial in trials}, recipe.validation))
     numbers, facts, variety = _proven(run, recipe, trials, held_out, tell)
     pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
@@ -136,7 +138,7 @@ def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures
 
 
 def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -> RunFolder:
-    """Make or resume the run with the demonstrations, and return it."""
+    """Make or resume the run that contains the demonstrations."""
 
     def told(stage: str) -> Callable[[SetProgress], None]:
         def on_progress(progress: SetProgress) -> None:
@@ -171,7 +173,10 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Check that each record is in the training distribution, and return counts, facts and variety."""
+    """Check that each record lies within the training distribution.
+
+    Return the statistics of the set, the facts for the shortcut audit, and the variety of the demonstrations.
+    """
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
@@ -198,7 +203,10 @@ def _missing(recipe: SetRecipe, there: int) -> int:
 
 
 def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
-    """Draw a sheet of initial states per task, and return its file or the reason why it is missing."""
+    """Draw a sheet of initial states for each task.
+
+    Return the path of each sheet, or the reason why it was not drawn.
+    """
     found: dict[str, str] = {}
     tasks = list(dict.fromkeys(trial.task for trial in trials))
     for count, task in enumerate(tasks, start=1):
@@ -222,7 +230,7 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> 
 def _write(
     made: MadeDataset, recipe: SetRecipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
 ) -> None:
-    """Write all derived files, dataset.json last."""
+    """Write the files that are derived from the demonstrations. ``dataset.json`` is written last."""
     out, counts = made.path, numbers.counts()
     write_durably(out / "split.json", _json(split))
     write_durably(out / "statistics.json", _json(numbers.statistics()))

@@ -1,4 +1,4 @@
-"""Dataset card of a training set: README.md with counts, lengths, ranges, pictures, shortcuts and the command."""
+"""Dataset card of a training set: a README.md with counts, lengths, ranges, pictures, shortcuts and the command."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class CardFacts:
     """Content of a dataset card apart from the recipe.
 
     Attributes:
-        sheets: Picture file for each task, relative to the card, or the reason why it is missing.
-        variety: Variety of the demonstrations, by task.
-        sources: Variety of the source demonstrations.
+        sheets: For each task, the path of its picture relative to the card, or the reason why there is none.
+        variety: How much the demonstrations of each task differ.
+        sources: How much the source demonstrations of each task differ.
     """
 
     sha256: str
@@ -66,7 +66,7 @@ class CardFacts:
 
 
 def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
-    """Return the card, as Markdown."""
+    """Return the dataset card of a training set as Markdown."""
     total = sum(c.demonstrations for c in facts.counts)
     held_out = sum(c.validation for c in facts.counts)
     given = ", ".join(f"{count} {markdown_text(kind)}" for kind, count in facts.numbers.demonstrators.items())
@@ -122,7 +122,10 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
-    """Yield one section per task, with its picture, the factors that were varied, and its twins."""
+    """Yield one section per task: picture, factors that vary independently of each other, and number of twins.
+
+    Twins are demonstrations with the same initial state and different instructions.
+    """
     pairs = pairs_by_task(facts.pairs)
     for task in recipe.tasks:
         yield from ("", f"## {markdown_text(task)}", "")

@@ -1,4 +1,4 @@
-"""Counts, lengths, ranges and normalization statistics of a training set."""
+"""Counts, episode lengths, value ranges and normalization statistics of a training set."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ STATE = (
     "finger_width_m",
     *(f"joint_{i}_rad" for i in range(1, 8)),
 )
-"""Names of the state components, in order."""
+"""Names of the components of the state vector, in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionCounts:
-    """Demonstration counts of a condition."""
+    """Number and lengths of the demonstrations of a condition."""
 
     task: str
     condition: str
@@ -40,7 +40,7 @@ class ConditionCounts:
 
 
 class SetNumbers:
-    """Accumulator for the statistics of a set, filled one record at a time."""
+    """Accumulator for the statistics of a training set. Records are added one at a time."""
 
     def __init__(self, held_out: frozenset[int]) -> None:
         self._held_out = held_out
@@ -52,7 +52,7 @@ class SetNumbers:
         self._demonstrators: Counter[str] = Counter()
 
     def add(self, trial: TrialId, record: Record) -> None:
-        """Add a record. Only training records are used for statistics."""
+        """Add a record. Records held out for validation are counted but not used for the statistics."""
         meta = record.metadata
         held_out = trial.seed in self._held_out
         self._lengths.setdefault((trial.task, trial.condition, meta.instruction), []).append((record.n_steps, held_out))
@@ -72,16 +72,16 @@ class SetNumbers:
 
     @property
     def steps(self) -> int:
-        """Number of control steps of all records."""
+        """Total number of control steps in all records."""
         return sum(n for lengths in self._lengths.values() for n, _ in lengths)
 
     @property
     def demonstrators(self) -> Mapping[str, int]:
-        """Number of demonstrations by demonstrator."""
+        """Number of demonstrations by kind of demonstrator."""
         return dict(sorted(self._demonstrators.items()))
 
     def counts(self) -> tuple[ConditionCounts, ...]:
-        """Return the counts of each condition."""
+        """Return the number and lengths of the demonstrations of each condition."""
         found = []
         for (task, condition, said), lengths in sorted(self._lengths.items()):
             steps = [n for n, _ in lengths]
@@ -91,9 +91,9 @@ class SetNumbers:
         return tuple(found)
 
     def statistics(self) -> dict[str, Any]:
-        """Return the normalization statistics of actions and states, over all training frames and per task.
+        """Return the normalization statistics of actions and states, over all training frames and for each task.
 
-        A frame is a state with the action taken in this state. Raises ValueError without frames.
+        A frame is a state with the action that was taken in this state. Raises ValueError if there are no frames.
         """
         return {
             "action": {"names": list(self._components), **_rounded(vector_stats(np.concatenate(self._actions)))},
@@ -113,5 +113,5 @@ def _rounded(stats: Stats) -> Stats:
 
 
 def counts_form(counts: Sequence[ConditionCounts]) -> list[dict[str, Any]]:
-    """Return counts as a JSON-serializable list."""
+    """Return the counts of all conditions as a JSON-serializable list."""
     return [asdict(count) for count in counts]

@@ -1,4 +1,4 @@
-"""Twins in a run of demonstrations: identical initial states with different instructions."""
+"""Pairs of twins in a run: demonstrations with the same initial state and different instructions."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
     """Yield the pairs of twins in a run whose conditions share their seeds, ordered by task, seed and condition.
 
-    A pair has one initial state and two instructions. Demonstrations that were accepted in attempts with different
-    numbers have different motion styles and do not form a pair.
+    The two demonstrations of a pair have the same initial state and different instructions. If they were accepted in
+    attempts with different indices, they have different motion styles and do not form a pair.
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):
@@ -47,7 +47,7 @@ def _pairs_of(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TwinPair]:
 
 
 def shared_rows(first: Record, second: Record) -> int:
-    """Return the number of leading rows in which two records have equal states, commands and actions."""
+    """Return the number of initial rows in which two records have the same states, commands and actions."""
     rows = min(len(first), len(second))
     same = np.ones(rows, dtype=bool)
     for name in ("qpos", "qvel", "ctrl", "action"):
@@ -60,7 +60,7 @@ def shared_rows(first: Record, second: Record) -> int:
 
 
 def pairs_by_task(pairs: Iterable[TwinPair]) -> Mapping[str, list[TwinPair]]:
-    """Return the pairs of twins by task."""
+    """Group pairs of twins (demonstrations with the same initial state and different instructions) by task."""
     found: dict[str, list[TwinPair]] = {}
     for pair in pairs:
         found.setdefault(pair.task, []).append(pair)

@@ -1,4 +1,4 @@
-"""Check that a record demonstrates a training distribution and nothing outside of it."""
+"""Check that a record demonstrates its training distribution and nothing outside of it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ CURE = "Delete the file and run the command again to repeat the demonstration"
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """Conditions that a set may contain, and test conditions that it must not contain."""
+    """Conditions that a training set may demonstrate, and test conditions that it must not demonstrate."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return the bounds of a set with a training distribution."""
+        """Return which conditions of a task may be demonstrated in a set with the given training distribution."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")
@@ -34,13 +34,16 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Check that a record demonstrates its training distribution and nothing outside of it, and return its facts.
+    """Check that a record demonstrates its training distribution and nothing outside of it.
 
-    Initial state, order of the subgoals, grasps and releases are computed from the recorded states.
+    Return the facts about the record that the shortcut audit needs.
+
+    The initial state, the order of the subgoals, the grasps and the releases are computed from the recorded states.
 
     Raises:
-        RecordError: If the record has a test seed, is not successful, does not match the initial state or order of its
-            condition, demonstrates a test condition, or contains a pick or placement outside the certified support.
+        RecordError: If the record has a test seed, is not successful, has a different initial state or order of
+            subgoals than its condition, demonstrates a test condition, or contains a pick or placement outside the
+            certified training support.
     """
     meta = record.metadata
     if meta.seed < FIRST_DEMONSTRATION_SEED:
@@ -49,7 +52,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
         raise _refusal(where, "it did not succeed")
     found = [c for c in conditions_shown(record, bounds.shown) if c.name == meta.condition]
     if not found:
-        raise _refusal(where, f"its first state or its instruction differs from {meta.task}/{meta.condition}")
+        raise _refusal(where, f"its initial state or its instruction differs from {meta.task}/{meta.condition}")
     tests = conditions_shown(record, bounds.forbidden)
     if tests:
         raise _refusal(where, f"it demonstrates the test condition {tests[0].id}")
@@ -68,4 +71,4 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
 
 
 def _refusal(where: str, problem: str) -> RecordError:
-    return RecordError(f"{where}: it is not a demonstration of this regime: {problem}. {CURE}.")
+    return RecordError(f"{where}: it is not a demonstration of this training distribution: {problem}. {CURE}.")

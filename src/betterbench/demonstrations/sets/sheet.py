@@ -1,4 +1,4 @@
-"""Contact sheet of a training set: one initial state per condition, with its instruction."""
+"""Contact sheet of a training set: an image of one initial state per condition, with the instruction."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from betterbench.sim.scenes.limited import LimitedView
 from betterbench.tasks import TrialId
 
 SIZE = 256
-"""Side of a view [pixel]."""
+"""Side length of each image [pixel]."""
 COLUMNS = 4
 MOST_VIEWS = 12
-"""Maximum number of conditions shown per task."""
+"""Maximum number of conditions that are shown for a task."""
 _CAPTION = 44
 _LINE = 40
 
 
 def draw_sheet(run: RunFolder, trials: Sequence[TrialId], path: Path) -> None:
-    """Write a JPEG with front views of the initial states of some records, with conditions and instructions.
+    """Write a JPEG with front views of the initial states of several records, labeled with condition and instruction.
 
     Raises:
         RecordError: If a record or its scene cannot be read.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     shown = list(trials)[:MOST_VIEWS]
     columns = min(COLUMNS, len(shown))

@@ -1,4 +1,4 @@
-"""Tested and untested questions of an audit."""
+"""Questions that a shortcut audit tested, and those that it could not test."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestion:
-    """Tested or untested question of an audit.
+    """Question of a shortcut audit, either tested or with the reason why it could not be tested.
 
     Attributes:
         question: Question name.
-        title: Question in words.
-        n: Number of compared demonstrations, or of observations in them.
-        compared: Features that are compared with the outcome, such as "8 words"; "" for a single test.
-        untested: Reason why it could not be tested; "" if it was tested.
+        title: The question in words.
+        n: Number of compared demonstrations, or of compared observations within demonstrations.
+        compared: Number of features that are compared with the outcome, such as "8 words"; "" if the question has a
+            single test.
+        untested: Reason why the question could not be tested; "" if it was tested.
     """
 
     question: str
@@ -26,13 +27,13 @@ class AskedQuestion:
 
 
 def tested_text(questions: Iterable[AskedQuestion]) -> str:
-    """List the tested questions as text, "nothing" if there are none."""
+    """Return the titles of the tested questions, separated by semicolons, or "nothing" if no question was tested."""
     done = [q for q in questions if not q.untested]
     return "; ".join(f"{q.title} ({q.compared})" if q.compared else q.title for q in done) or "nothing"
 
 
 def untested_text(questions: Iterable[AskedQuestion]) -> str:
-    """List the untested questions by reason as text, "" if there are none."""
+    """Return the titles of the untested questions, grouped by reason. Return "" if every question was tested."""
     reasons: dict[str, list[str]] = {}
     for q in questions:
         if q.untested:

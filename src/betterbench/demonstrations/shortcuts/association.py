@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 PERMUTATIONS = 9999
-"""Number of permutations per test. The smallest p-value is 1 / 10,000, which is small enough to correct for a hundred
-tests.
+"""Number of permutations per test. The smallest possible p-value is 1 / 10,000, which stays significant after
+correcting for a hundred tests.
 """
 _CHUNK = 2_000_000
-"""Maximum number of values that are permuted at once."""
+"""Maximum number of values that are permuted in one batch, to bound the memory."""
 
 _LOW_BITS = 11
-"""Number of bits of a raw draw that are not used for a random number in [0, 1)."""
+"""Number of low bits of a raw 64-bit draw that do not enter a random number in [0, 1)."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -29,10 +29,11 @@ class Association:
 
     Attributes:
         bits: Mutual information [bit].
-        expected_bits: Mean mutual information over the permutations, which is the value at chance [bit].
+        expected_bits: Mean mutual information over the permutations, i.e. the value expected by chance [bit].
         strength: 1 if one variable determines the other, 0 if the association is not above chance: (mutual information
             - expected mutual information) / (smaller of the two entropies - expected mutual information).
-        p_value: Fraction of the permutations, including the data itself, with at least as much mutual information.
+        p_value: Fraction of the permutations that have at least as much mutual information as the data. The data itself
+            counts as one of the permutations.
         n: Number of observations.
     """
 
@@ -44,28 +45,28 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return the index of each value in the sorted distinct values, and the number of distinct values."""
+    """Return, for each value, its index among the sorted distinct values. Also return the number of distinct values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
 
 def entropy_bits(counts: _Floats) -> float:
-    """Return the entropy of counts [bit]."""
+    """Return the entropy [bit] of the distribution that is proportional to the given counts."""
     shares = counts[counts > 0] / counts.sum()
     return max(0.0, float(-(shares * np.log2(shares)).sum()))
 
 
 @dataclass(frozen=True, slots=True)
 class PermutationTest:
-    """Permutation test of one question: the observed counts, and the distribution under permutations.
+    """Permutation test of one question: the observed values, and the mutual information under permutations.
 
     Attributes:
-        x: (n,) index of the first value in each observation.
-        y: (n,) index of the second value in each observation.
-        sizes: Numbers of distinct first and second values.
-        block: (n,) index of each observation's demonstration.
-        within: Whether first values are permuted within each demonstration.
-        null: (PERMUTATIONS,) mutual information of the permutations [bit].
+        x: (n,) code of the first variable's value in each observation.
+        y: (n,) code of the second variable's value in each observation.
+        sizes: Numbers of distinct values of the first and of the second variable.
+        block: (n,) index of the demonstration that each observation belongs to.
+        within: Whether the first variable's values are permuted within each demonstration.
+        null: (PERMUTATIONS,) mutual information of each permutation [bit].
         found: Association found in the data.
     """
 
@@ -86,16 +87,17 @@ def association(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> Association:
-    """Return the association between two lists of equal length.
+    """Test two categorical variables for an association.
 
     Args:
         first: Value of the first variable in each observation.
-        second: Value of the second variable in each observation.
+        second: Value of the second variable in each observation, as many as in ``first``.
         draw: Random generator of the permutations.
-        blocks: Index of the demonstration of each observation. Without ``within``, the first values are permuted
-            between complete demonstrations, so that repetitions in one demonstration are not evidence. The first values
-            of a demonstration must then be equal.
-        within: Whether to permute the first values within each block instead, for the steps of a demonstration.
+        blocks: Demonstration that each observation belongs to. Without ``within``, the first variable's values are
+            permuted between complete demonstrations, so that repetitions in one demonstration are not counted as
+            evidence. All observations of a demonstration must then have the same first value.
+        within: Whether to permute the first variable's values within each demonstration instead, for questions about
+            the steps of a demonstration.
     """
     return permutation_test(first, second, draw, blocks=blocks, within=within).found
 
@@ -108,7 +110,7 @@ def permutation_test(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> PermutationTest:
-    """Like :func:`association`, but return all data of the permutation test."""
+    """Like :func:`association`, but also return the observed values and the result of every permutation."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -136,14 +138,17 @@ def permutation_test(
 
 
 def random_orders(draw: np.random.Generator, rows: int, n: int, block: _Ints | None = None) -> _Ints:
-    """Return rows of random orders of n values, shape (rows, n): ``np.argsort(draw.random((rows, n)), axis=1)``.
+    """Return random permutations of the indices 0 to n - 1, one per row, as a (rows, n) array.
 
-    With the index of the block of each value, (n,), the orders are random within the blocks, which are in ascending
-    order: ``np.argsort(draw.random((rows, n)) + block, axis=1)``.
+    The result is the same as ``np.argsort(draw.random((rows, n)), axis=1)``.
 
-    A random number is the upper 53 bits of a raw draw of PCG64. For up to 2,048 values, the block is stored in front of
-    these bits and the position behind them. Sorting these integers takes a fifth to three quarters of the CPU time of
-    ``argsort``. As in a sum, the block replaces the lowest bits of the random number.
+    If ``block`` is given, it contains the block of each index (n,). The blocks are then in ascending order in every
+    row, and only the order within each block is random, as in ``np.argsort(draw.random((rows, n)) + block, axis=1)``.
+
+    The random number of an index consists of the upper 53 bits of a raw draw of PCG64. For up to 2,048 indices, the
+    block, the random number and the index are packed into one integer, in this order. Sorting these integers takes a
+    fifth to three quarters of the CPU time of ``argsort``. The bits of the block displace the lowest bits of the random
+    number, which would also be lost in a floating-point sum.
     """
     if n > 1 << _LOW_BITS or not isinstance(draw.bit_generator, np.random.PCG64):
         return np.argsort(draw.random((rows, n)) + (0 if block is None else block), axis=1)
@@ -162,7 +167,7 @@ def random_orders(draw: np.random.Generator, rows: int, n: int, block: _Ints | N
 
 
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
-    """Return rows of values shuffled within each block, shape (rows, n)."""
+    """Return copies of the values ``x``, each shuffled within the blocks, as a (rows, n) array."""
     sorted_by_block = x[random_orders(draw, rows, len(x), block)]
     if (block[1:] >= block[:-1]).all():
         return sorted_by_block
@@ -172,7 +177,16 @@ def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
-    """Return the joint counts of first and second values, per row of first values: (rows, nx, ny)."""
+    """Count how often each value of the first variable occurs with each value of the second in every permutation.
+
+    Args:
+        mixed: (rows, n) permuted codes of the first variable.
+        y: (n,) codes of the second variable.
+        sizes: Numbers of distinct values (nx, ny).
+
+    Returns:
+        Counts as a (rows, nx, ny) array.
+    """
     (rows, _), (nx, ny) = mixed.shape, sizes
     cells = mixed * ny
     cells += y
@@ -181,7 +195,10 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 
 
 def counts_log_counts(n: int) -> _Floats:
-    """Return c log2 c for the counts c from 0 to n. Entropies of counts are sums of these terms."""
+    """Return c log2 c for each count c from 0 to n.
+
+    The entropy of a distribution of counts is computed from these terms.
+    """
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     return logs
@@ -234,32 +251,38 @@ def strongest_of(
 def features_test(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> tuple[list[Association], _Floats]:
-    """Test each of several features for an association with an outcome. The p-values are corrected for all features.
+    """Test each of several features for an association with an outcome.
 
-    The p-value is the fraction of permutations of the outcome in which any feature has at least as much mutual
-    information (single-step maxT of Westfall and Young).
+    The p-values are corrected for the number of features. The p-value of a feature is the fraction of permutations of
+    the outcome in which any feature has at least as much mutual information (single-step maxT of Westfall and Young).
 
     Args:
-        presence: (episodes, features) whether an episode has a feature.
-        outcome: Each episode's outcome.
+        presence: (episodes, features) mask of the features that each episode has.
+        outcome: Outcome of each episode.
         draw: Random generator of the permutations.
 
     Returns:
-        The associations, and the maximum mutual information of all features in each permutation [bit], (PERMUTATIONS,).
+        The association of each feature, and for each permutation the largest mutual information of any feature [bit],
+        as a (PERMUTATIONS,) array.
     """
     y, ny = codes_of(outcome)
     n = len(y)
     has = presence.astype(np.float32)
     logs = counts_log_counts(n)
     totals, with_feature = np.bincount(y, minlength=ny), presence.sum(axis=0)
-    terms = [logs[: total + 1] + logs[total::-1] for total in totals.tolist()]  # of each count and of the rest
+    # Terms c log2 c of each possible count and of the remaining count.
+    terms = [logs[: total + 1] + logs[total::-1] for total in totals.tolist()]
     margin_y = logs[totals].sum()
     margin_x = logs[with_feature] + logs[n - with_feature]
     hy = math.log2(n) - margin_y / n
     hx = math.log2(n) - margin_x / n
 
     def bits_of(labels: _Ints) -> _Floats:
-        """Return the mutual information of every feature with each row of outcomes, shape (rows, features)."""
+        """Return the mutual information of every feature with each row of outcomes, as a (rows, features) array.
+
+        Args:
+            labels: (rows, episodes) outcome of each episode, in several permutations.
+        """
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
             joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)  # sums of ones are exact

@@ -1,4 +1,4 @@
-"""Shortcut audit: associations in a data set beyond chance, and the variations that break them."""
+"""Shortcut audit: associations in a data set that exceed chance, and the variations in which the associations break."""
 
 from __future__ import annotations
 
@@ -65,62 +65,69 @@ from betterbench.tasks import get_task, task_names
 from betterbench.tasks.interventions import resolve_condition
 
 ALPHA = 0.05
-"""Significance level for all questions of an audit together (Bonferroni).
+"""Significance level for all questions of an audit together (Bonferroni correction).
 
-In data of betterbench, whose states are known, questions about word pairs and complete instructions are corrected
-separately."""
+In data sets recorded with betterbench, whose states are known, questions about word pairs and complete instructions are
+corrected as a separate family."""
 STRONG = 0.5
-"""Minimum strength of a reported finding, at which one variable resolves half of the uncertainty of the other.
+"""Minimum strength of a reported finding. At this strength, one variable removes half of the other's uncertainty.
 
 A weaker finding is reported if a single value, such as a word, always occurs with the same other value. It is also
-reported if two words or a complete instruction resolve half of the uncertainty that remains given their single words.
+reported if two words or a complete instruction remove half of the uncertainty that remains once the single words are
+known.
 """
 RARE = 0.05
-"""Fraction below which a value counts as absent from the data."""
+"""Fraction of the demonstrations below which a value counts as absent from the data."""
 FEWEST = 8
 """Minimum number of demonstrations in an audited group."""
 NEARLY_ALWAYS = 0.9
-"""Fraction of an outcome's uncertainty that a word must resolve to count as determining the outcome."""
+"""Fraction of an outcome's uncertainty that a word must remove to count as determining the outcome."""
 MOST_LINES = 8
 MOST_WORDS = 1000
-"""Maximum number of tested words per group. The words that distinguish the most episodes are chosen."""
+"""Maximum number of tested words per group.
+
+If there are more, the words that split the episodes most evenly are used.
+"""
 MOST_PAIRS = 20
 _NAMED = "the words name the objects; complete instructions are compared if they name them in the same order"
 _MOST_SHOWN = 80
-"""Maximum characters of an instruction in a finding."""
+"""Maximum number of characters of an instruction that are shown in a finding."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
 """Verdict on a question of the audit.
 
-A "shortcut" is a rule that some variation breaks or, for an external data set, that a test could break. A "regularity"
-is a rule that every variation of the task keeps, such as the meaning of a word. "none" means that no association was
-both significant and strong enough (:data:`STRONG`).
+A "shortcut" is a rule that does not hold in some variation of the task. For an external data set, which has no
+variations, it is a rule that a test could violate. A "regularity" is a rule that holds in every variation of the task,
+such as the meaning of a word. "none" means that no association was both significant and strong enough
+(:data:`STRONG`).
 """
 
 Rules = Mapping[str, Counter[str]]
-"""Counts of the second value by first value."""
+"""Counts of how often each second value occurs with each first value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Result of a question: test statistics, verdict and rules.
+    """Answer of the audit to one question: test statistics, verdict, and the rules that a policy could follow.
 
     Attributes:
         question: Question name.
         title: The question in words.
-        subject: Word or object that the question is about, "" for questions about all objects.
+        subject: Word or object that the question is about; "" for questions about all objects.
         bits: Mutual information [bit].
-        strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; for whole
-        instructions, see
+        strength: Strength of the association from 0 to 1, see
+            :class:`~betterbench.demonstrations.shortcuts.association.Association`. For complete instructions, see
             :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
-        p_value: p-value of the permutation test; None if there is nothing to permute.
-        p_adjusted: p-value times the number of questions that are corrected together.
+        p_value: p-value of the permutation test; None if there was nothing to permute because the value is constant.
+        p_adjusted: p-value multiplied by the number of questions whose p-values are corrected together.
         n: Number of observations.
         verdict: Verdict, see :data:`Verdict`.
-        rules: Rules that a learner could follow, in words.
-        seen: Counts behind the rules: second values by first value.
-        separating: Variations in which the correct behavior breaks the rule, with the observation that breaks it.
-        meaning: Reason why the words imply this outcome, which makes the rule a regularity; "" if none is known.
+        rules: Rules that a policy could follow, in words.
+        seen: Counts from which the rules were derived: for each value of the first variable, the counts of the values
+            of the second variable.
+        separating: Variations in which correct behavior violates the rule, each with the observation that violates it.
+        meaning: Reason why the words imply this outcome by their meaning. The rule is then a regularity and not a
+            shortcut. "" if no reason is known.
     """
 
     question: str
@@ -140,14 +147,15 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class GroupAudit:
-    """Findings about one task or one external data set.
+    """Findings about the demonstrations of one task, or about one external data set.
 
     Attributes:
-        group: Name of the task or of the dataset.
+        group: Name of the task or of the data set.
         episodes: Number of demonstrations, or of segments with one instruction.
-        findings: One finding per question.
-        notes: Notes on questions that could not be tested, with reasons.
-        smallest: Smallest rule of each question that would have been found with this number of demonstrations.
+        findings: One finding per tested question.
+        notes: Remarks on questions that could not be tested, with the reasons.
+        smallest: For each question, the smallest rule that the audit would have detected with this number of
+            demonstrations.
         asked: Tested and untested questions.
     """
 
@@ -159,17 +167,17 @@ class GroupAudit:
     asked: tuple[AskedQuestion, ...] = ()
 
     def of(self, question: str) -> tuple[Finding, ...]:
-        """Return the findings for a question."""
+        """Return the findings that answer the question with the given name."""
         return tuple(f for f in self.findings if f.question == question)
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """Questions with too few demonstrations to find every strong rule."""
+        """Questions for which even a strong rule could have been missed, because there are too few demonstrations."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
     def shortcuts(self) -> tuple[Finding, ...]:
-        """Findings about rules that a learner could follow and that some variation breaks."""
+        """Findings about rules that a policy could follow and that do not hold in some variation."""
         return tuple(f for f in self.findings if f.verdict == "shortcut")
 
 
@@ -178,8 +186,8 @@ class ShortcutAudit:
     """Shortcut audit of a data set.
 
     Attributes:
-        source: Name of the audited data.
-        facts_sha256: Hash of the underlying facts.
+        source: Name of the audited data set.
+        facts_sha256: SHA-256 of the facts on which the audit is based.
         groups: One audit per task.
         reading: Description of the episodes and columns that were read.
     """
@@ -190,7 +198,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, beginning with the description of the data."""
+        """Return the audit as a JSON-serializable dict that begins with the description of the data."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
@@ -198,20 +206,21 @@ class ShortcutAudit:
 
 
 def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
-    """Return the SHA-256 of all facts, independent of their order."""
+    """Return the SHA-256 of the facts of all episodes. It does not depend on the order of the episodes."""
     lines = sorted(repr(facts) for facts in episodes)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
-    """Audit a data set. The result depends only on the facts.
+    """Audit the demonstrations of a data set for shortcuts. The result depends only on the facts.
 
     Args:
-        source: Name of the audited data.
+        source: Name of the audited data set.
         episodes: Facts of its demonstrations.
-        reading: Description of the data, which is included in the audit.
+        reading: Description of the data set, which is included in the audit.
 
-        Raises InvalidInputError if no group has enough demonstrations.
+    Raises:
+        InvalidInputError: If no group has enough demonstrations.
     """
     groups: dict[str, list[EpisodeFacts]] = {}
     for facts in sorted(episodes, key=lambda f: (f.group, f.episode)):
@@ -221,7 +230,7 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
         most = max(map(len, groups.values()), default=0)
         number = f"{most} demonstration{'' if most == 1 else 's'}"
         problem = f"the largest group has {number}, but at least {FEWEST} are needed"
-        raise InvalidInputError(source, problem, "Give more demonstrations")
+        raise InvalidInputError(source, problem, "Audit a data set with more demonstrations")
     judged = list(_judged(audited))
     few = {name: len(found) for name, found in groups.items() if len(found) < FEWEST}
     if few and reading is not None:
@@ -232,14 +241,14 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """Finding without correction for multiple tests.
+    """Finding whose p-value is not yet corrected for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
-        rules: Counts behind the rules.
-        certain: Whether one of the rules holds (nearly) always.
-        parts: Word or pair of words of the question.
-        columns: Indices of these words.
+        rules: Counts from which the rules were derived.
+        certain: Whether one of the rules holds always or nearly always.
+        parts: Words that the question is about: one entry for a single word, two entries for a pair of words.
+        columns: Indices of these words among the tested words.
     """
 
     finding: Finding
@@ -251,11 +260,12 @@ class _Raw:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Group of demonstrations, with its questions and findings.
+    """Group of demonstrations, with the questions asked about it and the findings.
 
     Attributes:
         pairs: Questions about pairs of words.
-        planted: Planted data for each question with a permutation test.
+        planted: One entry for each question with a permutation test. Artificial rules are planted in its data to
+            determine the smallest rule that the test would detect.
         asked: Tested and untested questions.
     """
 
@@ -270,7 +280,7 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Tested question, for which the smallest detectable rule is computed."""
+    """Question that was tested, with the data needed to compute the smallest rule that the audit would detect."""
 
     question: str
     title: str
@@ -280,7 +290,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """Question about word pairs, with its number of demonstrations, pairs and outcomes."""
+    """Tested question about word pairs, with the numbers of demonstrations, word pairs and distinct outcomes."""
 
     question: str
     title: str
@@ -305,7 +315,10 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return the finding for a question about named objects, or None if one of the variables is constant."""
+    """Return the finding for a question about objects with known names.
+
+    Return None if one of its two variables is constant.
+    """
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
@@ -336,8 +349,8 @@ class _Said:
 
     Attributes:
         words: Words of each entry.
-        shown: Text of each entry.
-        presence: (episodes, words) whether an episode contains the entry.
+        shown: Text that represents each entry in findings.
+        presence: (episodes, entries) mask of the entries that each episode's instruction contains.
     """
 
     words: tuple[tuple[str, ...], ...]
@@ -346,7 +359,10 @@ class _Said:
 
 
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
-    """Return the words that occur in some but not all demonstrations. If words are left out, a note is added."""
+    """Return the words that occur in at least two demonstrations and are absent from at least two.
+
+    If there are too many such words, the least informative words are left out, and ``notes`` gets a remark about this.
+    """
     texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
     of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
     sizes = np.bincount(of_text, minlength=len(texts))
@@ -380,7 +396,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
 
 
 def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
-    """Return the findings on associations of words, word pairs and complete instructions with an outcome."""
+    """Return the findings on associations between an outcome and the words, word pairs and complete instructions."""
     known = [facts for facts in group.episodes if outcome.of(facts)]
     outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
@@ -392,7 +408,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
     if outcome.is_place or not _picking_words(known):
         raw += _answers_about_single_words(group, outcome, said, outcomes)
         raw += _answers_about_pairs(group, outcome, said, outcomes)
-    else:  # words for these objects determine the outcome by their meaning, so they cannot be shortcuts
+    else:  # words that name these objects determine the outcome by their meaning, so they cannot be shortcuts
         for level in (WORDS, PAIRS):
             question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
             group.asked.append(question)
@@ -402,9 +418,9 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return the findings on associations of single words with an outcome.
+    """Return the findings on associations between single words and an outcome.
 
-    Words that always occur together count as one.
+    Words that always occur together count as one word.
     """
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
@@ -439,7 +455,7 @@ def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outco
     if len(said.words) > 1:
         group.pairs.append(_AskedPairs(question, title, len(outcomes), len(pairs), kinds))
     every = Counter(outcomes)
-    # If several pairs occur in the same episodes, show the pair with the longer words.
+    # If several pairs occur in exactly the same episodes, show the pair with the longer words.
     length = [max(map(len, words)) for words in said.words]
     pairs.sort(key=lambda pair: (pair.p_value, -min(length[pair.first], length[pair.second])))
     raw: list[_Raw] = []
@@ -465,13 +481,13 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return the findings on associations of complete instructions with an outcome, beyond single words and pairs.
+    """Return the findings on complete instructions that tell more than their single words and word pairs.
 
     Args:
-        group: The group.
-        outcome: The outcome.
-        data: Demonstrations with the outcome, their words, and their outcomes.
-        found: Findings on words and pairs.
+        group: Group of demonstrations.
+        outcome: Outcome that the instructions may be associated with.
+        data: Demonstrations with a known outcome, the words of their instructions, and the outcomes.
+        found: Findings on single words and word pairs.
     """
     question, title = outcome.question(WHOLE), outcome.title(WHOLE)
     known, said, outcomes = data
@@ -506,10 +522,10 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """Return, for each instruction, the words whose meaning determines an outcome, as one string.
+    """Return, for each instruction, the words whose meaning determines the outcome, joined into one string.
 
-    If the outcome is a place, these are the place words. If it is the order of the objects, it is the sequence of
-    object words.
+    If the outcome is a place, these are the words that name places. If the outcome is the order in which objects are
+    moved, these are the words that name objects, in the order in which the instruction contains them.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -520,12 +536,15 @@ def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str
 
 
 def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
-    """Return the words of instructions that identify objects."""
+    """Return the words that instructions use to name the objects that are picked."""
     return frozenset(word for facts in episodes for step in facts.steps for word in instruction_words(step.word))
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
-    """Return the association between the presence of both words and an outcome, with the p-value of the pair."""
+    """Return the association between an outcome and the presence of both words of a pair.
+
+    The p-value was computed earlier, together with those of the other word pairs.
+    """
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
@@ -533,17 +552,22 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Return whether at least :data:`NEARLY_ALWAYS` of the outcome's uncertainty is resolved."""
+    """Return whether knowing a word removes at least the fraction :data:`NEARLY_ALWAYS` of the outcome's uncertainty.
+
+    Args:
+        seen: Counts of the outcomes with the word.
+        every: Counts of the outcomes in all demonstrations.
+    """
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
 
 
 def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return the tables in which a word determines the outcome, as defined by :func:`_nearly_always`.
+    """Return a mask of the tables in which the word determines the outcome, as defined by :func:`_nearly_always`.
 
     Args:
-        joint: (tables, 2, outcomes) counts of outcomes without and with the word.
+        joint: (tables, 2, outcomes) counts of the outcomes without and with the word.
     """
     seen, every = joint[:, 1], joint.sum(axis=1)
     n, value = seen.sum(axis=1), seen.argmax(axis=1)
@@ -554,10 +578,10 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return the tables in which a first value always occurs with the same second value, as in :func:`_certain`.
+    """Return a mask of the tables with a value that determines the other variable, as defined by :func:`_certain`.
 
     Args:
-        joint: (tables, nx, ny) joint counts of the values.
+        joint: (tables, nx, ny) joint counts of the two variables' values.
     """
     several = joint.any(axis=1).sum(axis=1) >= 2
     single = ((joint > 0).sum(axis=2) == 1) & (joint.sum(axis=2) >= FEWEST)
@@ -565,13 +589,17 @@ def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 _STRONG_SHARE = 0.8
-"""Fraction of demonstrations that a rule of strength :data:`STRONG` decides, for two equally frequent words and two
-equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`.
+"""Fraction of the demonstrations that follow a rule of strength :data:`STRONG` while the others are random. It holds
+for two equally frequent words and two equally frequent places, and is rounded to multiples of one over
+:data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`.
 """
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
-    """Return the smallest detectable rule of each question, corrected for its family of tests."""
+    """Return, for each question of a group, the smallest rule that the audit would detect.
+
+    The significance level is corrected for the number of tests in the question's family.
+    """
     rules = []
     for asked in group.planted:
         units = int(asked.planted.block.max()) + 1
@@ -589,7 +617,11 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 
 
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
-    """Return the smallest detectable fraction of demonstrations that two equally frequent words decide together."""
+    """Return the smallest fraction of the demonstrations at which the audit detects a rule about two words.
+
+    The fraction counts the demonstrations whose outcome the rule determines. Both words are assumed to occur in half of
+    the demonstrations. Return None if there are too few demonstrations for any such rule to be detected.
+    """
     if asked.n // 4 < FEWEST:
         return None
     # With two equally frequent words, the test compares episodes with and without the second word in the half of the
@@ -601,7 +633,10 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return findings about the slot of a landmark, the number of objects, or the first slot if it is constant."""
+    """Return findings about properties that never change in the data.
+
+    These are the slot of a landmark, the number of objects at the start, and the place where the gripper first closes.
+    """
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -636,7 +671,7 @@ def _finding(question: str, title: str, subject: str, found: Association, lines:
 
 
 def _shares(seen: Counter[str]) -> str:
-    """Format values with their frequencies, the most frequent first."""
+    """Format values with their frequencies in percent, the most frequent first."""
     total = sum(seen.values())
     ranked = sorted(seen.items(), key=lambda item: (-item[1], item[0]))
     if len(ranked) == 1:
@@ -646,7 +681,7 @@ def _shares(seen: Counter[str]) -> str:
 
 
 def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
-    """Correct the p-values of all groups together, and determine the verdicts."""
+    """Correct the p-values of all groups together, and give each finding its verdict."""
     counts = Counter(_family(g, q.question) for g in groups for q in g.asked if not q.untested)
     judged = []
     for group in groups:
@@ -668,16 +703,17 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 def _family(group: _Group, question: str) -> str:
     """Return the family of questions whose p-values are corrected together.
 
-    In data of betterbench, questions about several words are a separate family.
+    In data sets recorded with betterbench, questions about several words form a separate family.
     """
     own = any(facts.privileged for facts in group.episodes)
     return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Remove findings about character runs that overlap the run of a clearer finding.
+    """Set the verdict "none" for findings about runs of characters that overlap the run of a stronger finding.
 
-    In a script without spaces, parts of a word and runs that contain the word have similar associations.
+    In a script without spaces, runs of characters are tested instead of words. Parts of a word and longer runs that
+    contain the word have similar associations, so only the strongest of them is kept.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -698,7 +734,10 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Return whether each word of ``those`` equals or overlaps a word of ``these``, and at least one only overlaps."""
+    """Return whether ``these`` words overlap ``those`` words without being the same.
+
+    Each word of ``those`` must equal or overlap a different word of ``these``, and at least one must only overlap.
+    """
     if len(those) > len(these):
         return False
     return any(
@@ -709,7 +748,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return the facts of the correct behavior in each variation of a task, or None for an unknown task."""
+    """Return the facts about correct behavior in each variation of a task, or None if the group is not a known task."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -717,7 +756,10 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Return whether a finding is significant and either strong or certain (see ``certain`` in :class:`_Raw`)."""
+    """Return whether a finding counts.
+
+    It must be significant, and be strong or certain (see ``certain`` in :class:`_Raw`).
+    """
     if p_value is not None and p_value > ALPHA:
         return False
     always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
@@ -738,7 +780,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Return whether a word associated with a place occurs in the place's name, such as "upper"."""
+    """Return whether a word that is associated with a place occurs in the name of the place, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]
@@ -747,7 +789,7 @@ def _names_its_place(finding: Finding, raw: _Raw) -> bool:
 
 
 def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
-    """Return the reason why the words of a finding imply their outcome, or "" if none is known."""
+    """Return the reason why the words of a finding imply their outcome. Return "" if no reason is known."""
     outcome = WORD_OUTCOMES.get(base_of(finding.question))
     if outcome is None or not raw.parts:
         return ""
@@ -758,14 +800,23 @@ def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> s
 
 
 def _certain(rules: Rules) -> bool:
-    """Return whether one of several first values always occurs with the same second value."""
+    """Return whether one value of the first variable always occurs with the same value of the second variable.
+
+    Return False if the second variable has the same value in all demonstrations.
+    """
     if len({y for ys in rules.values() for y in ys}) < 2:
         return False
     return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Describe the observation in a variation that breaks a rule, or return "" if the variation keeps it."""
+    """Describe how correct behavior in a variation violates a rule. Return "" if the rule holds in the variation.
+
+    Args:
+        finding: Finding that states the rule.
+        raw: Counts from which the rule was derived.
+        test: Facts of correct behavior in the variation.
+    """
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

@@ -1,8 +1,9 @@
-"""Facts about demonstrations for the audit: instruction, moved objects with origin and target, and initial layout.
+"""Facts about demonstrations for the shortcut audit.
 
-They are computed from the states of a record, from the specification of a condition, or from instruction, actions and
-proprioception of an external data set. Objects in external data sets have no names, and places are named by their
-positions.
+The facts of a demonstration are its instruction, the moved objects with their origins and targets, and the initial
+layout. They are computed from the states of a record or from the specification of a condition. For an external data
+set, they are computed from instructions, actions and proprioception. In this case the objects have no names, and places
+are named by their positions.
 """
 
 from __future__ import annotations
@@ -27,20 +28,23 @@ HANDLED_ROLES = ("item", "distractor")
 """Roles of loose objects on the table. All other objects are landmarks."""
 
 SET_OUT_M = 0.05
-"""Path length of the tool after which its first direction is determined [m]."""
+"""Horizontal distance from the start at which the first direction of the tool is determined [m]."""
 HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
-"""Directions relative to the robot, counterclockwise seen from above: x points away from the robot, y to its left."""
+"""Directions relative to the robot, counterclockwise when seen from above.
+
+The x axis points away from the robot, and the y axis points to its left.
+"""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """Manipulation step, with object, origin and target. A drawer has no origin.
+    """Manipulation step of a demonstration: the moved object, its origin and its target.
 
     Attributes:
         thing: Kind of the object; "" if unknown.
-        word: Instruction word for the object; "" if unknown.
-        origin: Slot from which the object was taken.
+        word: Word that the instruction uses for the object; "" if unknown.
+        origin: Slot from which the object was taken; "" if the object has none, such as a drawer.
         target: Target to which the object was moved.
     """
 
@@ -58,11 +62,11 @@ class EpisodeFacts:
     Attributes:
         episode: Episode name.
         group: Group in which demonstrations are compared, usually the task.
-        instruction: Its instruction.
+        instruction: Instruction of the demonstration.
         steps: Manipulation steps, in order of time.
         standing: Kind and slot of every loose object on the table at the start.
         landmarks: Kind and slot of every object that cannot be picked.
-        heading: First direction of the gripper; "" if unknown.
+        heading: Direction in which the gripper moves first; "" if unknown.
     """
 
     episode: str
@@ -84,7 +88,7 @@ class EpisodeFacts:
         return bool(self.standing)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the facts as a JSON-serializable dict."""
         return asdict(self)
 
 
@@ -92,16 +96,21 @@ _FACTS = TypeAdapter(EpisodeFacts)
 
 
 def read_facts(form: object, where: str) -> EpisodeFacts:
-    """Parse facts from JSON; raise RecordError if they are invalid."""
+    """Parse the facts of a demonstration from JSON. Raise RecordError if they are invalid.
+
+    Args:
+        form: Parsed JSON value.
+        where: File name for error messages.
+    """
     return read_form(_FACTS, form, where=where, cure="Delete the file to derive it again", raises=RecordError)
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
-    """Return the facts of a record, from its states and the slots of its condition.
+    """Return the facts of a recorded episode.
 
     Args:
-        record: The record.
-        condition: Condition that matches the initial scene of the record.
+        record: Record of the episode, whose states show the moved objects.
+        condition: Condition in which the episode started. The names of its slots are used as names of places.
     """
     meta = record.metadata
     goals = {goal.name: goal for goal in condition.instruction.subgoals}
@@ -114,9 +123,9 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return the facts of a correct episode in a condition.
+    """Return the facts about correct behavior in a condition.
 
-    If an instruction word can refer to several objects, the first of them is used.
+    If a word of the instruction can refer to several objects, the first of these objects is used.
     """
     steps = []
     taken: set[str] = set()
@@ -134,7 +143,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the first direction of a tool seen from above, one of eight, or "" if the tool does not move.
+    """Return the direction in which a tool moves first, as one of :data:`HEADINGS`. Return "" if it moves too little.
 
     Args:
         positions: (T, 3) positions of the tool [m].

@@ -1,4 +1,4 @@
-"""Detection of gripper closings and openings, and of the closed end of the gripper's range."""
+"""Detection of the steps at which a gripper closes and opens, and of the end of its range that means closed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from betterbench.demonstrations.shortcuts.numbers import tokens
 from betterbench.errors import InvalidInputError
 
 SHORTEST_S = 0.3
-"""Minimum duration of a closed or open phase [s]. Shorter commands of teleoperators are not grasps."""
+"""Minimum duration of a closed or open phase [s]. Shorter commands by teleoperators are not grasps."""
 AGREEING = 0.9
-"""Minimum fraction of episodes that begin at one end of the range, for this end to count as open."""
+"""An end of the range counts as open if at least this fraction of the episodes begin there."""
 WIDTH_M = (0.005, 0.15)
-"""Range of gripper values that are interpreted as widths in meters [m]."""
+"""Smallest range and largest value of gripper values that are interpreted as widths in meters [m]."""
 IDLE_SHARE = 0.1
-"""Range of a gripper relative to the largest range in the same column, below which its motion counts as noise of an
-idle arm.
+"""Threshold below which the motion of a gripper counts as noise of an idle arm.
+
+It is the gripper's range as a fraction of the largest range of any gripper in the same column.
 """
 _BETWEEN = 0.1
-"""Maximum fraction of frames in the middle third of the range for a gripper that switches between two positions."""
+"""A gripper switches between two positions if less than this fraction of frames is in the middle third of its range."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -33,15 +34,15 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """Range, threshold and polarity of a gripper.
+    """Range of a gripper's values, the threshold between open and closed, and the end of the range that means closed.
 
     Attributes:
         low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         between: Threshold between open and closed.
-        closed: ``low`` or ``high``.
-        because: Reason for this polarity.
-        warning: Evidence against this polarity, or "".
+        closed: End of the range that means closed, ``low`` or ``high``.
+        because: Reason for choosing this end.
+        warning: Evidence against this choice; "" if there is none.
     """
 
     low: float
@@ -54,7 +55,10 @@ class Jaws:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Range of a gripper that never moves, and the evidence for this ("" if its values are constant)."""
+    """Range of values of a gripper that never moves, with the evidence that it never moves.
+
+    The evidence is "" if all values are equal.
+    """
 
     low: float
     high: float
@@ -62,21 +66,25 @@ class Still:
 
     @property
     def told(self) -> str:
-        """Description with the range and the evidence."""
+        """Text that states the range and the evidence."""
         return f"which never moves (range {self.low:.3g} to {self.high:.3g}{self.reason})"
 
 
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
-    """Return the grippers that never move. Their values are constant, or only the noise of an idle arm.
+    """Find the grippers that never move: their values are constant, or are only the noise of an idle arm.
 
-    Another gripper is in the same column, or in a column whose name differs only in the side. Values count as noise if
-    their range is less than :data:`IDLE_SHARE` of the range of another gripper. They also count as noise if their range
-    is smaller and they alternate faster than a gripper can move. A gripper that switches between two positions always
-    counts as moving, because its unit may be different.
+    Values are recognized as noise by comparison with another gripper. It must be in the same column, or in a column
+    whose name differs only in the side (left or right). The values are noise in two cases. First, their range is less
+    than :data:`IDLE_SHARE` of the other gripper's range. A gripper that switches between two positions still counts as
+    moving then, because its values may have a different unit. Second, their range is smaller than the other gripper's
+    range, and they change faster than a gripper can move.
 
     Args:
         grips: Each gripper with its values (T,) by episode.
         shortest: Minimum number of rows for which a gripper is closed or open.
+
+    Returns:
+        For each gripper, its range if it never moves, and None if it moves.
     """
     ends = [_ends(np.concatenate(episodes)) for _, episodes in grips]
     found: list[Still | None] = []
@@ -120,17 +128,17 @@ def _ends(values: _Floats) -> tuple[float, float]:
 
 
 def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
-    """Return the range, threshold and polarity of a moving gripper.
+    """Determine the range, the threshold and the closed end of a moving gripper.
 
-    The closed end is inferred from the name ("width", "closed"), from values that are widths in meters, from LeRobot's
-    convention for ``gripper.pos`` (0 closed, 100 open), or from the first values of the episodes. If the last two both
-    apply, they must agree.
+    The closed end is inferred from the gripper's name ("width", "closed") and from values that look like widths in
+    meters. If neither of them tells, it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed, 100 open)
+    and from the values with which the episodes begin. If both sources of such a pair give an answer, they must agree.
 
     Args:
         grip: The gripper.
-        episodes: Its values (T,) by episode.
-        side: The closed end given by the user, ``low`` or ``high``.
-        where: File name for messages.
+        episodes: Values of the gripper (T,), by episode.
+        side: Closed end given by the user, ``low`` or ``high``.
+        where: File name for error messages.
 
     Raises:
         InvalidInputError: If the closed end cannot be determined, or two sources disagree.
@@ -168,23 +176,26 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
 
 
 def _cure(side: str) -> str:
-    return f"Give --closed low or --closed high, such as --closed {side} for 0 closed and 1 open"
+    return f"Pass --closed low or --closed high, for example --closed {side} if 0 means closed and 1 means open"
 
 
 def _width(low: float, high: float) -> tuple[str, str] | None:
-    """Return "low" as the closed end if the values are widths in meters, or None."""
+    """Return "low" as the closed end, with the reason, if the values look like widths in meters.
+
+    Return None otherwise.
+    """
     least, most = WIDTH_M
     ok = high <= most and low >= -0.01 and high - low >= least
     return ("low", "the values are widths in meters") if ok else None
 
 
 def _is_percent(grip: Grip, low: float, high: float) -> bool:
-    """Return whether values are LeRobot's ``gripper.pos``, in percent of the calibrated range."""
+    """Return whether the values follow LeRobot's ``gripper.pos``, i.e. are percentages of the calibrated range."""
     return tokens(grip.number.name)[-2:] == ["gripper", "pos"] and low >= -1.0 and 2.0 < high <= 101.0
 
 
 def _between(values: _Floats, low: float, high: float) -> float:
-    """Return the threshold that minimizes the variance within the two resulting sets of values (Otsu)."""
+    """Return the threshold that minimizes the variance within the values below it and above it (Otsu's method)."""
     counts, edges = np.histogram(np.clip(values, low, high), bins=64, range=(low, high))
     middles = (edges[:-1] + edges[1:]) / 2.0
     below = np.cumsum(counts)[:-1].astype(np.float64)
@@ -199,7 +210,10 @@ def _between(values: _Floats, low: float, high: float) -> float:
 
 
 def held(values: _Floats) -> _Floats:
-    """Replace each 0 in commands (T,) by the previous command, if the only values are -1, 0 and 1."""
+    """Replace each command 0 by the previous nonzero command if the commands (T,) are only -1, 0 and 1.
+
+    In such data sets, 0 means that the gripper keeps its last command.
+    """
     if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
         return np.array(values)
     last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))
@@ -208,7 +222,7 @@ def held(values: _Floats) -> _Floats:
 
 
 def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
-    """Return a mask (T,) of the rows with a closed gripper.
+    """Return whether the gripper is closed in each row, as a (T,) mask.
 
     Phases shorter than ``shortest`` rows are ignored, except at the beginning and the end of an episode.
     """
@@ -220,7 +234,10 @@ def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
 
 
 def edges_of(closed: _Bools) -> tuple[list[int], list[int]]:
-    """Return the rows in which a gripper closes, and those in which it opens (the last row if it stays closed)."""
+    """Return the rows in which a gripper closes, and the rows in which it opens.
+
+    If the gripper is closed at the end of the episode, the last row counts as an opening.
+    """
     edges = (np.flatnonzero(closed[1:] != closed[:-1]) + 1).tolist()
     closings = [edge for edge in edges if closed[edge]]
     openings = [edge for edge in edges if not closed[edge]]

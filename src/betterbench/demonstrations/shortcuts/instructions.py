@@ -1,8 +1,8 @@
-"""Test of complete instructions for information about an outcome beyond single words and word pairs.
+"""Test whether complete instructions tell more about an outcome than their single words and word pairs.
 
-An outcome may depend on three or more words together, or on two words with too few demonstrations to test the pair.
-Both are covered by testing complete instructions. To avoid finding a rule twice, demonstrations are only compared if
-they agree in the words that already have a finding.
+An outcome may depend on three or more words together, or on two words that occur together in too few demonstrations to
+be tested as a pair. Both cases are covered by testing complete instructions. To avoid reporting a rule twice,
+demonstrations are only compared if they agree in the words for which an association was already found.
 """
 
 from __future__ import annotations
@@ -28,9 +28,11 @@ class WholeTest:
     """Result of the test of complete instructions.
 
     Attributes:
-        test: Unconditional association, for comparison with planted rules.
-        beyond: Association among demonstrations that agree in the words with a finding.
-        share_told: Fraction of the errors of the best guess from these words that the complete instruction avoids.
+        test: Association of the complete instruction with the outcome in all compared demonstrations, used to compute
+            the smallest rule that the test would detect.
+        beyond: Association among demonstrations that agree in the words for which an association was already found.
+        share_told: Fraction of wrong guesses avoided by guessing the outcome from the complete instruction, compared
+            with guessing it from those words.
         rows: Indices of the demonstrations that were compared.
         instructions: Number of distinct instructions among them.
     """
@@ -45,12 +47,13 @@ class WholeTest:
 def whole_test(
     instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
 ) -> WholeTest | None:
-    """Test the association of complete instructions with an outcome. Returns None if there is nothing to compare.
+    """Test the association of complete instructions with an outcome. Return None if there is nothing to compare.
 
     Args:
-        instructions: Each demonstration's instruction.
-        outcomes: Each demonstration's outcome.
-        known: For each demonstration, a string of the words with a finding that it contains.
+        instructions: Instruction of each demonstration.
+        outcomes: Outcome of each demonstration.
+        known: For each demonstration, a string of the words in its instruction for which an association was already
+            found.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -67,9 +70,12 @@ def whole_test(
 
 
 def share_told(joint: _Ints) -> _Floats:
-    """Return the fraction of errors of guessing the most frequent outcome that guessing by category avoids.
+    """Return the fraction of wrong guesses that are avoided if the outcome is guessed from the category.
 
-    Each demonstration is guessed from the others of its category (leave-one-out). Ties count as half right.
+    A category consists of demonstrations with the same text, such as the same complete instruction.
+
+    The comparison is with always guessing the most frequent outcome. The outcome of each demonstration is guessed from
+    the other demonstrations of its category (leave-one-out). Ties count as half right.
 
     Args:
         joint: (..., categories, outcomes) joint counts of one or more tables.
@@ -85,10 +91,15 @@ def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
 
 
 def _avoided(joint: _Ints, usual: _Ints) -> _Floats:
-    """Return the fraction of errors that guesses from the category avoid, compared with ``usual`` right guesses."""
+    """Return the fraction of wrong guesses that are avoided if the outcome is guessed from the category.
+
+    The baseline is a guess that is right in ``usual`` demonstrations.
+    """
     ranked = np.sort(joint, axis=-1)
     most, second = ranked[..., -1:], ranked[..., -2:-1]
-    rest = np.where((joint == most) & (second < most), second, most)  # most frequent other outcome of the category
+    rest = np.where(
+        (joint == most) & (second < most), second, most
+    )  # count of the most frequent other outcome in the category
     others = joint - 1
     right = np.where(others > rest, 1.0, np.where((others == rest) & (others > 0), 0.5, 0.0))
     wrong = joint.sum(axis=(-2, -1)) - usual

@@ -1,8 +1,9 @@
-"""Facts of an external LeRobot data set (versions 2.0 to 3.0), from instructions, actions and proprioception.
+"""Facts about the demonstrations in an external LeRobot data set (versions 2.0 to 3.0).
 
-These data sets have no simulator state: objects have no names, and places are the points at which a gripper closes or
-opens. The columns of instruction, gripper and position are recognized by name. A data set with ambiguous names is
-rejected. :class:`DataReading` lists the chosen columns.
+The facts come from instructions, actions and proprioception, since these data sets contain no simulator state. Objects
+therefore have no names, and places are the points at which a gripper closes or opens. The columns with the instruction,
+the gripper and the position are recognized by name. A data set whose names are ambiguous is rejected.
+:class:`DataReading` lists the chosen columns.
 """
 
 from __future__ import annotations
@@ -43,14 +44,15 @@ from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 
 MOST_NUMBER = 1e6
-"""Maximum absolute value in a state or action.
+"""Maximum absolute value in a state or an action.
 
-Meters, radians and degrees are far smaller, as are millimeters and encoder ticks (4,096 to 65,536 per turn).
+Values in meters, radians and degrees are far smaller, as are values in millimeters and encoder ticks (4,096 to 65,536
+per turn).
 """
 NOT_FINITE = "a number that is not finite"
 BEYOND = f"a number with an absolute value above {MOST_NUMBER:,.0f}"
 MOST_EPISODES = 5000
-"""Maximum number of episodes to read, which is enough for the tests."""
+"""Maximum number of episodes to read. More would cost time without making the tests more conclusive."""
 USUAL_FPS = 10.0
 _MOST_FPS = 1e4
 _MOST_COUNT = 10**9
@@ -69,14 +71,16 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Columns and conventions of a data set that the user specified. All others are recognized by name.
+    """Columns and conventions of a data set that the user specified.
+
+    Columns that the user did not specify are recognized by their names.
 
     Attributes:
-        instruction: Column with the instruction, in the frames or in the tasks file.
-        grippers: Gripper components, one per arm.
-        places: Position components, with the same number for each gripper.
-        closed: End of the range that means closed.
-        seed: Seed of the sample from more than :data:`MOST_EPISODES` episodes.
+        instruction: Column with the instruction, either in the frames or in the tasks file.
+        grippers: Names of the gripper components, one per arm.
+        places: Names of the position components, with the same number of components for each gripper.
+        closed: End of the gripper's range that means closed.
+        seed: Seed for drawing the sample if there are more than :data:`MOST_EPISODES` episodes.
     """
 
     instruction: str | None = None
@@ -88,34 +92,35 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """Facts about the episodes of a data set, with a description of the data."""
+    """Facts about the episodes of a LeRobot data set, with a description of the data from which they were derived."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
 
 
 def is_lerobot_dataset(path: Path) -> bool:
-    """Return whether a folder looks like a LeRobot dataset."""
+    """Return whether a folder looks like a LeRobot data set, i.e. contains ``meta/info.json``."""
     return (path / "meta" / "info.json").is_file()
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return the facts of each episode of a LeRobot data set, with columns recognized by name."""
+    """Return the facts about each episode of a LeRobot data set, in which all columns must be recognizable by name."""
     return read_lerobot(path).facts
 
 
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
-    """Return the facts of each episode of a LeRobot data set, or of each segment if the instruction changes.
+    """Return the facts about each episode of a LeRobot data set.
 
-    With two arms, there is one group of facts per arm, and one group about the arm that closes its gripper first.
+    If the instruction changes within an episode, there are separate facts about each segment with one instruction. With
+    two arms, there is one group of facts per arm, and another group that states which arm closes its gripper first.
 
     Args:
         path: Folder of the data set.
         choices: Columns and conventions given by the user.
 
     Raises:
-        InvalidInputError: If the folder is not such a data set, or the columns of instruction, gripper or position are
-            ambiguous.
+        InvalidInputError: If the folder is not a LeRobot data set, or the columns with the instruction, the gripper or
+            the position are ambiguous.
         UnknownNameError: If a column named by the user does not exist.
         RecordError: If a file cannot be read.
     """
@@ -148,7 +153,7 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     if not arms:
         shown = ", ".join(grip.number.shown for grip in grips)
         raise InvalidInputError(
-            str(path), f"the gripper ({shown}) never moves", "Give the gripper's component with --gripper"
+            str(path), f"the gripper ({shown}) never moves", "Choose another component with --gripper"
         )
     name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
     facts: list[EpisodeFacts] = []
@@ -167,7 +172,7 @@ def _modality(path: Path) -> Mapping[str, Any]:
 
 
 def _says_steps(path: Path) -> bool:
-    """Return whether ``meta/betterbench.json`` declares that the actions are displacements of the tool."""
+    """Return whether ``meta/betterbench.json`` declares that each action is a displacement of the tool."""
     file = path / "meta" / "betterbench.json"
     if not file.is_file() or is_pointer(file):
         return False
@@ -183,8 +188,8 @@ class _Said:
     """Location of the instructions in a data set.
 
     Attributes:
-        column: Column of the frames.
-        tasks: Texts by index, or None if the column contains the texts themselves.
+        column: Column of the frames that holds the instruction or its index.
+        tasks: Instructions by index; None if the column holds the instructions themselves.
         others: Further columns that may contain instructions.
     """
 
@@ -222,9 +227,9 @@ class _Said:
         return f"{self.tasks.source}, by {self.column} of the frames"
 
     def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
-        """Return the index of each row's instruction in ``known``. New instructions are appended.
+        """Return, for each row, the index of its instruction in ``known``. New instructions are added to ``known``.
 
-        The index is -1 if the column has a non-finite value. Raises RecordError if a task index has no text.
+        The index is -1 where the column is not a finite number. Raises RecordError if a task index has no text.
         """
         texts = texts_in(file, self.column, column)
         if texts is not None:
@@ -232,7 +237,7 @@ class _Said:
         else:
             if self.tasks is None:
                 problem = f"{self.column} contains no strings"
-                raise RecordError(f"{file}: {problem}. Give a column with strings or with task indices.")
+                raise RecordError(f"{file}: {problem}. Choose a column that contains strings or task indices.")
             values = numbers_in(file, self.column, column, 1)
             finite = np.isfinite(values)
             counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)
@@ -241,7 +246,7 @@ class _Said:
             if unknown:
                 raise RecordError(
                     f"{file}: {self.column} has {unknown[0]}, but {self.tasks.source} has no such task. "
-                    "Write the file of tasks again."
+                    "Add the task to this file, or correct the index."
                 )
             listed = [self.tasks.texts[int(n)] for n in unique]
             codes = np.full(len(values), len(listed) + 1, dtype=np.int64)
@@ -253,7 +258,13 @@ class _Said:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """Episode, with its rows by file in frame order, and its segments (row range and instruction)."""
+    """Episode of a data set.
+
+    Attributes:
+        index: Episode index.
+        parts: Rows of the episode in each file, in frame order.
+        segments: Segments with one instruction, as (first row, row after the last row, instruction).
+    """
 
     index: int
     parts: tuple[EpisodePart, ...]
@@ -267,11 +278,11 @@ class _Stretch:
 
 @dataclass(slots=True)
 class _Scanned:
-    """Usable episodes of all files, and counts of unusable episodes.
+    """Usable episodes of a data set, and counts of the unusable episodes.
 
     Attributes:
         episodes: Usable episodes.
-        orders: Files whose rows had to be sorted, with their order.
+        orders: Files whose rows had to be sorted, each with the order of its rows.
         short: Number of episodes with fewer than two frames.
         silent: Number of episodes without an instruction.
         pointers: Number of files that are Git LFS pointers.
@@ -287,12 +298,12 @@ class _Scanned:
 
     @property
     def there(self) -> int:
-        """Number of episodes in the files."""
+        """Number of episodes in the files, including unusable ones."""
         return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
-    """Return the episodes of all files with their instructions. Raises RecordError if an episode occurs twice."""
+    """Find the episodes in all files, with their instructions. Raises RecordError if an episode occurs twice."""
     frames = Frames.of(path)
     frames.require_some(path)
     found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
@@ -321,9 +332,9 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     _require_mostly_usable(path, found.odd, found.there)
     if not found.episodes and found.silent:
         problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
-        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Give another column with --instruction")
+        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Choose another column with --instruction")
     if not found.episodes:
-        raise InvalidInputError(str(path / "data"), "it contains no episode of two frames or more", CURE)
+        raise InvalidInputError(str(path / "data"), "it contains no episode with at least two frames", CURE)
     return found
 
 
@@ -333,12 +344,20 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
     if 2 * count > of:
         reason = next(iter(odd))
         problem = f"{count:,} of {how_many(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
-        cure = "Give other columns with --gripper, --place or --instruction, or correct these numbers"
+        cure = "Choose other columns with --gripper, --place or --instruction, or correct these numbers"
         raise InvalidInputError(str(path), problem, cure)
 
 
 def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
-    """Return the segments that have an instruction and at least two frames, from run lengths and text codes."""
+    """Return the segments that have an instruction and at least two frames.
+
+    Args:
+        lengths: Runs of rows with the same instruction, as (number of rows, index of the instruction in ``texts``).
+        texts: Instructions; None for an empty instruction.
+
+    Returns:
+        First row, row after the last row, and instruction of each segment.
+    """
     found, at = [], 0
     for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
         size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
@@ -349,7 +368,10 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
-    """Return a random sample of at most :data:`MOST_EPISODES` episodes, stratified by instruction."""
+    """Draw a random sample of at most :data:`MOST_EPISODES` episodes.
+
+    The instructions occur in the sample in the same proportions as in the data set.
+    """
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
     by_text: dict[str, list[_Stretch]] = {}
@@ -371,7 +393,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Values of an episode by arm: gripper (T,) and position (T, d)."""
+    """Gripper values (T,) and positions (T, d) of each arm in an episode."""
 
     stretch: _Stretch
     grips: Mapping[str, _Floats]
@@ -385,7 +407,7 @@ def _read(
     places: Sequence[ArmPlace],
     widths: Mapping[str, int],
 ) -> tuple[list[_Episode], dict[str, list[int]]]:
-    """Return the values of some episodes, and the episodes with unusable values, by reason."""
+    """Return the values of the chosen episodes, and the indices of the episodes with unusable values, by reason."""
     odd: dict[str, list[int]] = {}
     by_file: dict[Path, list[tuple[_Stretch, int]]] = {}
     for stretch in chosen:
@@ -415,7 +437,7 @@ def _read(
 
 
 def _odd(column: str, values: _Floats) -> str:
-    """Return the reason why values are unusable, or "" if they are usable."""
+    """Return the reason why the values of a column are unusable. Return "" if they are usable."""
     if not np.isfinite(values).all():
         return f"{NOT_FINITE} (in {column})"
     return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""
@@ -428,7 +450,15 @@ def _episode(
     cut: Mapping[str, _Floats],
     used: Mapping[str, Sequence[int]],
 ) -> _Episode:
-    """Return the values of an episode. ``cut`` contains the values (T, n) of each column in ``used``."""
+    """Collect the gripper values and positions of an episode.
+
+    Args:
+        stretch: The episode.
+        grips: Gripper component of each arm.
+        places: Position components of each arm.
+        cut: Values (T, n) of each column, with only the components in ``used``.
+        used: Indices of the components that were read from each column.
+    """
 
     def of(number: NamedNumber) -> _Floats:
         return cut[number.column][:, used[number.column].index(number.index)]
@@ -447,16 +477,18 @@ def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNum
 
 @dataclass(frozen=True, slots=True)
 class _Arm:
-    """Gripper events and positions of one arm, by episode.
+    """Gripper events and positions of one arm in all episodes.
 
     Attributes:
-        grip: Gripper of the arm.
-        place: Components of the arm's position.
-        jaws: Range and polarity of the arm's gripper.
-        closings: Rows in which the gripper closes, by episode.
-        openings: Rows in which it opens, by episode.
-        share_closed: Fraction of rows in which the gripper is closed.
-        points: Positions by episode, or principal components if the values are not positions.
+        grip: Gripper component of the arm.
+        place: Position components of the arm.
+        jaws: Range of the gripper's values, and which end means closed.
+        closings: For each episode, the rows in which the gripper closes.
+        openings: For each episode, the rows in which the gripper opens.
+        share_closed: Fraction of all rows in which the gripper is closed.
+        ways: For each episode, the values (T, d) of the position components.
+        points: For each episode, the positions (T, 2) in a horizontal plane. If the values are not positions, these are
+            their two principal components.
         span: Range of these points.
     """
 
@@ -472,12 +504,12 @@ class _Arm:
 
     @classmethod
     def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws, episodes: Sequence[_Episode], shortest: int) -> _Arm:
-        """Return the gripper events and positions of an arm.
+        """Find the gripper events and positions of an arm.
 
         Args:
-            chosen: Gripper and position of the arm.
-            jaws: Range and polarity of the arm's gripper.
-            episodes: The numbers of all episodes.
+            chosen: Gripper and position components of the arm.
+            jaws: Range of the gripper's values, and which end means closed.
+            episodes: Values of all episodes.
             shortest: Minimum number of rows for which a gripper is closed or open.
         """
         grip, place = chosen
@@ -506,24 +538,24 @@ class _Arm:
 
     @property
     def never(self) -> int:
-        """Number of episodes in which the gripper does not close."""
+        """Number of episodes in which the gripper never closes."""
         return sum(not rows for rows in self.closings)
 
 
 def _shortest(info: Mapping[str, Any]) -> int:
-    """Return the minimum number of frames for which a gripper is closed or open."""
+    """Return the minimum number of consecutive frames for which a gripper counts as closed or open."""
     return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
 
 
 def _rate(info: Mapping[str, Any]) -> float | None:
-    """Return the declared frame rate of a data set, None if it is missing or invalid."""
+    """Return the frame rate that a data set declares. Return None if it is missing or invalid."""
     fps = info.get("fps")
     known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0.0 < fps < _MOST_FPS
     return float(fps) if known and fps is not None else None
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield the facts of one arm in each segment of each episode."""
+    """Yield the facts about one arm for each segment with one instruction in each episode."""
     exact = arm.place.space in ("position", "steps")
     names = []
     for edges in (arm.closings, arm.openings):
@@ -536,8 +568,8 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
-            # The first closing point is the origin of the first step. The last opening point is the target of the last
-            # step.
+            # If a segment has more closings than openings or vice versa, the first closing is still the origin of the
+            # first step, and the last opening is still the target of the last step.
             origins += [""] * (count - len(origins))
             targets = [""] * (count - len(targets)) + targets
             steps = tuple(ShownStep("", "", a, b) for a, b in zip(origins, targets, strict=True))
@@ -551,7 +583,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield one fact per segment, which is the arm that closes its gripper first."""
+    """Yield one fact for each segment with one instruction: which arm closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -561,12 +593,12 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """Data that were read and choices that were made, for the description of the data.
+    """Data that were read and choices that were made, for the description of the data set.
 
     Attributes:
-        still: Grippers that never move, with the evidence.
-        odd: Episodes that were left out because of their values, by reason.
-        not_drawn: Number of episodes that are not in the sample.
+        still: Grippers that never move, each with the evidence.
+        odd: Indices of the episodes that were left out because of unusable values, by reason.
+        not_drawn: Number of episodes that are not in the random sample.
     """
 
     info: Mapping[str, Any]
@@ -581,14 +613,13 @@ class _Read:
 
     @property
     def listed(self) -> int | None:
-        """Number of episodes that the data set declares, or None if this number is missing or invalid."""
+        """Number of episodes that the data set declares; None if this number is missing or invalid."""
         total = self.info.get("total_episodes")
         known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
         return total if known else None
 
 
 def _reading(read: _Read) -> DataReading:
-    """Return the description of the data that were read."""
     segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
     observations = ""
     if segments > episodes:
@@ -613,7 +644,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield sentences about the sorting of frames, if the files were unsorted."""
+    """Yield sentences that describe how the frames had to be sorted or joined."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = (
             f"by episode_index and {key}"
@@ -627,7 +658,7 @@ def _about(scanned: _Scanned) -> Iterator[str]:
 
 
 def _left_out(read: _Read) -> Iterator[str]:
-    """Yield descriptions of the data that were left out, with the reason."""
+    """Yield a description of each part of the data that was left out, with the reason."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
@@ -650,7 +681,7 @@ def _left_out(read: _Read) -> Iterator[str]:
 
 
 def _warnings(read: _Read) -> Iterator[str]:
-    """Yield warnings about properties of the data that may cause wrong findings."""
+    """Yield warnings about properties of the data that may lead to wrong findings."""
     total = read.info.get("total_episodes")
     if read.listed is None and total is not None:
         yield "total_episodes in meta/info.json is not a count"

@@ -1,6 +1,7 @@
-"""Choice of the gripper and position components of a LeRobot data set by name.
+"""Choose the gripper and position components of a LeRobot data set by their names.
 
-A data set with ambiguous names is rejected.
+If the names are ambiguous, the data set is rejected, and the error message names the option with which the user can
+choose.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix of a ``--place`` component that is a displacement. Its sum over time is the position."""
+"""Prefix of a ``--place`` component that is a displacement per step.
+
+Positions are then the sums of the displacements.
+"""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -31,13 +35,13 @@ _NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object"
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Components of a data set and their roles.
+    """Components of a data set's columns, and the role of each component.
 
     Attributes:
-        numbers: Components by column.
-        parts: Their roles by column.
-        where: File with their names.
-        steps: Whether the actions are known to be displacements of the tool, whose sums are positions.
+        numbers: Components of each column.
+        parts: Roles of the components of each column.
+        where: File that contains the names of the components.
+        steps: Whether the actions are known to be displacements of the tool, so that their sums are positions.
     """
 
     numbers: Mapping[str, tuple[NamedNumber, ...]]
@@ -47,30 +51,30 @@ class Columns:
 
     @classmethod
     def of(cls, numbers: Mapping[str, tuple[NamedNumber, ...]], where: str, *, steps: bool) -> Columns:
-        """Return the columns with the roles of their components."""
+        """Determine the role of each component from its name."""
         return cls(numbers, {name: parts_of(found) for name, found in numbers.items()}, where, steps)
 
     @property
     def actions(self) -> list[str]:
-        """Action columns, those with all components first."""
+        """Action columns. Columns with the complete action come before columns with a part of it."""
         other = [name for name in self.numbers if name.startswith(("action.", "actions."))]
         return [name for name in _ACTIONS if name in self.numbers] + sorted(other)
 
     @property
     def states(self) -> list[str]:
-        """Proprioception columns, those with all components first."""
+        """Proprioception columns. Columns with the complete state come before columns with a part of it."""
         usual = [name for name in _STATES if name in self.numbers]
         left = self.numbers.keys() - {*usual, *self.actions, "timestamp"}
         return usual + sorted(name for name in left if not _NO_STATE & set(tokens(name)))
 
     def pairs(self, column: str) -> list[tuple[NamedNumber, NumberRole]]:
-        """Return the components of a column with their roles."""
+        """Return the components of a column, each with its role."""
         return list(zip(self.numbers[column], self.parts[column], strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures the closing of a gripper, with the reason for the choice."""
+    """Component that tells how far the gripper of an arm is closed, with the reason why it was chosen."""
 
     arm: str
     number: NamedNumber
@@ -79,7 +83,14 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlace:
-    """Components of an arm's position, their kind (see ``PlaceReading``), and the reason for the choice."""
+    """Components of an arm's position, with the reason why they were chosen.
+
+    Attributes:
+        arm: Name of the arm; "" if unknown.
+        numbers: The components.
+        space: Kind of the values, see ``PlaceReading``.
+        by: Source of the names by which the components were recognized.
+    """
 
     arm: str
     numbers: tuple[NamedNumber, ...]
@@ -88,10 +99,10 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper component per arm, given by the user or recognized by name.
+    """Choose one gripper component per arm, either as specified by the user or by its name.
 
     Raises:
-        InvalidInputError: If no component is recognized as a gripper, or an arm has two.
+        InvalidInputError: If no component is recognized as a gripper, or an arm has two gripper components.
         UnknownNameError: If a component named by the user does not exist.
     """
     if named:
@@ -104,8 +115,8 @@ def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
     if not found:
         raise InvalidInputError(columns.where, _why_no_gripper(columns), _cure_gripper(columns))
     if len(found) > 1 and "" in found:
-        problem = f"only some of the grippers name an arm: {', '.join(grip.number.shown for grip in found.values())}"
-        raise InvalidInputError(columns.where, problem, "Give one gripper per arm with --gripper")
+        problem = f"only some grippers name their arm: {', '.join(grip.number.shown for grip in found.values())}"
+        raise InvalidInputError(columns.where, problem, "Choose one component per arm with --gripper")
     return tuple(found[arm] for arm in sorted(found))
 
 
@@ -114,11 +125,11 @@ def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
     for text in named:
         numbers = named_numbers("--gripper", text, columns.numbers)
         if len(numbers) != 1:
-            problem = f"{one_line(text, most=80)} has {len(numbers)} numbers"
+            problem = f"{one_line(text, most=80)} has {len(numbers)} components"
             which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (
                 ", ..." if len(numbers) > MOST_SHOWN else ""
             )
-            cure = f"Give one of them, as COLUMN[N], where N is its number ({which})" if which else "Give a number"
+            cure = f"Choose one of them as COLUMN[N], where N is its index ({which})" if which else "Write an index"
             raise InvalidInputError("--gripper", problem, cure)
         found.append(Grip(_arm(numbers[0]), numbers[0], "--gripper"))
     if len({grip.arm for grip in found}) < len(found):
@@ -131,7 +142,13 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two."""
+    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two.
+
+    Args:
+        columns: Components of the data set.
+        column: Name of the column.
+        kind: Role to look for, ``gripper`` or ``finger``.
+    """
     by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
@@ -148,7 +165,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
             shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
-            problem = f"{len(group)} components of {column} have the name of a gripper: {shown}"
+            problem = f"{len(group)} components of {column} are named like a gripper: {shown}"
             cure = f"Choose one with --gripper '{column}[N]', where N is its index in brackets"
             raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
@@ -158,17 +175,20 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
 
 
 def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
-    """Raise InvalidInputError if two names of a component disagree."""
+    """Raise InvalidInputError if a component has several names that disagree on whether it is a gripper."""
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
             problem = (
-                f"{number.column}[{number.index}] is a gripper by {part.by}, and {one_line(label, most=80)!r} by {by}"
+                f"{number.column}[{number.index}] is a gripper according to {part.by}, but "
+                f"{one_line(label, most=80)!r} according to {by}"
             )
-            raise InvalidInputError(columns.where, problem, "Correct one of them, or choose one with --gripper")
+            raise InvalidInputError(
+                columns.where, problem, "Correct one of these names, or choose the gripper with --gripper"
+            )
 
 
 def _why_no_gripper(columns: Columns) -> str:
-    """Return the reason why no component is recognized as a gripper."""
+    """Explain why no component is recognized as a gripper."""
     pool = columns.actions or columns.states
     if not pool:
         return "the dataset has no column action and no proprioception"
@@ -186,7 +206,7 @@ def _cure_gripper(columns: Columns) -> str:
     pool = columns.actions or columns.states
     column = pool[0] if pool else "COLUMN"
     counted = f" ({_span(len(columns.numbers[column]))})" if pool else ", counted from 0"
-    told = f"--gripper '{column}[N]', where N is the number that closes the gripper{counted}"
+    told = f"--gripper '{column}[N]', where N is the index of the component that closes the gripper{counted}"
     return f"Choose the gripper with {told}, or with --gripper '{column}:NAME'"
 
 
@@ -195,12 +215,13 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the position components of each arm.
+    """Choose the position components of each arm.
 
-    The user may give them; otherwise, they are end-effector positions or joints.
+    If the user does not specify them, the position of the end effector is used. If the data set does not contain this
+    position, the joint angles are used.
 
     Raises:
-        InvalidInputError: If an arm has no such components, or two sets of them.
+        InvalidInputError: If an arm has no position components, or more than one set of them.
         UnknownNameError: If a component named by the user does not exist.
     """
     if named:
@@ -214,20 +235,26 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
         raise InvalidInputError(
             "--place",
             "only some components have the prefix +, which marks displacements",
-            "Give + before all of them or before none",
+            "Write + before all of them or before none",
         )
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]
     each, rest = divmod(len(numbers), len(grips))
     if rest or each < 2:
-        problem = f"{len(numbers)} numbers are given for {len(grips)} grippers"
-        raise InvalidInputError("--place", problem, "Give two or three numbers (x, y, z) per gripper, in their order")
+        problem = f"the number of components ({len(numbers)}) does not fit the number of grippers ({len(grips)})"
+        raise InvalidInputError("--place", problem, "Name two or three components (x, y, z) for each gripper, in order")
     space = "steps" if sums == {True} else "position" if each <= 3 else "numbers"
     cut = [tuple(numbers[i * each : (i + 1) * each]) for i in range(len(grips))]
     return tuple(ArmPlace(grip.arm, some, space, "--place") for grip, some in zip(grips, cut, strict=True))
 
 
 def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return the position components of one arm."""
+    """Choose the position components of one arm.
+
+    Args:
+        columns: Components of the data set.
+        grip: Gripper of the arm.
+        alone: Whether the data set has only this gripper.
+    """
     states = columns.states
     for column in states:
         for arm in _arms(columns, column, "xyz", grip.arm, alone=alone):
@@ -250,7 +277,17 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm to which a gripper's column belongs, or no arm if this is ambiguous."""
+    """Return the arm whose position components belong to a gripper, as a tuple with one name.
+
+    Return an empty tuple if the column has no such components, or if the choice is ambiguous.
+
+    Args:
+        columns: Components of the data set.
+        column: Column with position components.
+        kinds: Roles of the position components.
+        arm: Arm of the gripper; "" if unknown.
+        alone: Whether the data set has only this gripper.
+    """
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)
@@ -260,7 +297,10 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
 
 
 def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
-    """Return x, y and, if present, z of an arm. Raises InvalidInputError if an axis occurs twice."""
+    """Return the components x, y and, if present, z of an arm, with the source of their names.
+
+    Return None if x or y is missing. Raises InvalidInputError if an axis occurs twice.
+    """
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
         for axis in "xyz"
@@ -272,24 +312,30 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
             shown = ", ".join(f"{column}[{n.index}]" for n, _ in numbers[:MOST_SHOWN])
             of = f" of the {arm} arm" if arm else ""
             problem = f"{len(numbers)} components{of} have the name {axis}: {shown}"
-            raise InvalidInputError(columns.where, problem, "Choose the numbers with --place, x first, then y")
+            raise InvalidInputError(columns.where, problem, "Choose the components with --place, first x, then y")
     return tuple(n for axis in "xyz" for n, _ in found[axis]), found["x"][0][1].by
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return all components of a state without names, if there is one gripper. Raises InvalidInputError otherwise."""
-    syntax = "with its own column and numbers, x first, counted from 0"
-    cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
+    """Use all components of a state column as the position.
+
+    They must have no names, and there must be a single gripper.
+
+    Raises InvalidInputError if there are several grippers, if some components have names, or if there is no state
+    column.
+    """
+    syntax = "with your column and the indices of x, y and z, counted from 0"
+    cure = f"Choose the position of the gripper with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:
         problem = "the dataset has no proprioception (observation.state)"
-        more = f", or --place '+COLUMN[0,1,2]', {syntax}, if the actions are steps of the tool"
-        raise InvalidInputError(columns.where, problem, "Give a dataset with proprioception" + more)
+        more = f", or --place '+COLUMN[0,1,2]', {syntax}, if each action is a displacement of the tool"
+        raise InvalidInputError(columns.where, problem, "Use a dataset with proprioception" + more)
     column = next((name for name in _STATES if name in columns.numbers), columns.states[0])
     pairs = columns.pairs(column)
     left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]
     if not left:
         raise InvalidInputError(
-            columns.where, f"all components of {column} belong to the gripper", "Correct their names"
+            columns.where, f"all components of {column} belong to the gripper", "Correct the names of these components"
         )
     telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
@@ -303,7 +349,10 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the closed end of a gripper, ``low`` or ``high``, and the word in its name that implies it."""
+    """Return the end of a gripper's range that means closed, ``low`` or ``high``, if the gripper's name implies it.
+
+    The end is returned with the reason. Return None if the name does not imply either end.
+    """
     for label in number.labels:
         words = set(tokens(label))
         opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}

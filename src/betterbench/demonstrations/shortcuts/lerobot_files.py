@@ -1,7 +1,7 @@
-"""Reader of LeRobot data sets (versions 2.0 to 3.0): description, instructions and frames.
+"""Reader for the files of LeRobot data sets (versions 2.0 to 3.0): description, instructions and frames.
 
-The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
-pipes are rejected, and Git LFS pointers are reported.
+The file layout is that of huggingface/lerobot 0.4. The files are untrusted: their sizes are checked before they are
+read, named pipes are rejected, and Git LFS pointers are reported.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError, one_line
 from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_object
 
-CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
+CURE = "Use the folder of a LeRobot dataset, which contains meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"
 """First bytes of a Git LFS pointer file."""
 FETCH = "It is a Git LFS pointer instead of the file itself. Run git lfs pull in the dataset"
@@ -33,22 +33,23 @@ FETCH = "It is a Git LFS pointer instead of the file itself. Run git lfs pull in
 MOST_ROWS = 20_000_000
 """Maximum number of frames in a file."""
 MOST_VALUES = 400_000_000
-"""Maximum number of values in the columns read from a file."""
+"""Maximum number of values in the columns that are read from one file."""
 MOST_BYTES = 8 << 30
-"""Maximum uncompressed size of the columns read from a file [byte]."""
+"""Maximum uncompressed size of the columns that are read from one file [byte]."""
 MOST_TASKS = 1_000_000
-"""Maximum number of instructions."""
+"""Maximum number of instructions in a data set."""
 MOST_TEXT = 2_000
-"""Maximum number of characters read from an instruction."""
+"""Number of characters after which an instruction is cut off."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
-"""Part of Python's error message for integers with too many digits. It is replaced because its advice does not apply
-here.
+"""Part of Python's error message about integers with too many digits.
+
+The message is replaced, because its advice to change an interpreter setting does not help the user.
 """
 _TOO_LONG = "it contains an integer of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
-"""Columns of ``tasks.parquet`` that may contain the instruction. The first existing column is used."""
+"""Columns of ``tasks.parquet`` that may contain the instruction. The first of them that exists is used."""
 
 FrameColumn = pa.ChunkedArray
 """Column of a frame file."""
@@ -58,7 +59,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Return whether a file is a Git LFS pointer. False if it cannot be read or is not a regular file."""
+    """Return whether a file is a Git LFS pointer. Return False if it cannot be read or is not a regular file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -67,7 +68,7 @@ def is_pointer(path: Path) -> bool:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the JSON object in a file of ``meta``. Raises InvalidInputError if there is none."""
+    """Return the JSON object in a file of the ``meta`` folder. Raises InvalidInputError if the file contains none."""
     if is_pointer(path):
         raise InvalidInputError(str(path), "the file cannot be read", FETCH)
     try:
@@ -79,7 +80,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_info(path: Path) -> Mapping[str, Any]:
-    """Return ``meta/info.json``. Raises InvalidInputError if its version is not supported."""
+    """Read ``meta/info.json``. Raises InvalidInputError if the version of the data set is not supported."""
     file = path / "meta" / "info.json"
     info = read_json(file)
     if not isinstance(info.get("features"), dict):
@@ -96,9 +97,9 @@ class Tasks:
     """Instructions of a data set.
 
     Attributes:
-        texts: Instructions by index; None for an index without a text.
-        source: File of the instructions.
-        others: Columns that were not read.
+        texts: Instructions by task index; None for an index without a text.
+        source: Column and file from which the instructions were read.
+        others: Other columns that may contain instructions and were not read.
     """
 
     texts: Mapping[int, str | None]
@@ -115,7 +116,7 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
 
     Raises:
         RecordError: If the file cannot be read, or no column is recognized as the instructions.
-        UnknownNameError: If the column does not exist.
+        UnknownNameError: If the given column does not exist.
     """
     where, rows = _task_rows(path)
     with _one_line(where):
@@ -123,13 +124,13 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
 
 
 def task_columns(path: Path) -> tuple[str, ...]:
-    """Return the text columns of the instruction file. Raises RecordError if it cannot be read."""
+    """Return the names of the text columns in the tasks file. Raises RecordError if the file cannot be read."""
     _, rows = _task_rows(path)
     return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
 
 
 def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
-    """Return the instruction file and its columns. Raises RecordError if it cannot be read."""
+    """Return the path of the tasks file and its columns by name. Raises RecordError if the file cannot be read."""
     lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
     where = table if table.exists() or (not lines.exists() and table.is_symlink()) else lines
     if is_pointer(where):
@@ -140,7 +141,7 @@ def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
 
 @contextmanager
 def _one_line(where: Path) -> Iterator[None]:
-    """Convert errors while reading the instructions into a one-line RecordError."""
+    """Context manager that raises RecordError with a one-line message if the instructions cannot be read."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
@@ -149,7 +150,7 @@ def _one_line(where: Path) -> Iterator[None]:
 
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the columns of ``tasks.parquet`` by name, including the pandas index."""
+    """Return the columns of ``tasks.parquet`` by name, including the index that pandas stores."""
     with _table_of(file) as table:
         if table.metadata.num_rows > MOST_TASKS:
             msg = f"it has {table.metadata.num_rows} rows; at most {MOST_TASKS} are supported"
@@ -163,7 +164,7 @@ def _parquet_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _listed(column: pa.ChunkedArray) -> list[Any]:
-    """Return the values of a column. Equal texts share one object."""
+    """Return the values of a column. Equal texts share one string object, which saves memory."""
     flat = column.combine_chunks()
     if not pa.types.is_dictionary(flat.type):
         return list(flat.to_pylist())
@@ -172,7 +173,7 @@ def _listed(column: pa.ChunkedArray) -> list[Any]:
 
 
 def _json_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the fields of ``tasks.jsonl`` by name. Its objects may span several lines."""
+    """Return the fields of ``tasks.jsonl`` by name. A JSON object in the file may span several lines."""
     data = read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=CURE)
     text = data.decode(json.detect_encoding(data)).lstrip("\ufeff")
     forms = list(_objects(text))
@@ -184,12 +185,12 @@ def _json_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects in a text, including those in a list."""
+    """Yield the JSON objects in a text, which are either written one after the other or in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
         if not all(isinstance(form, dict) for form in found):
-            raise ValueError("it contains values other than objects")
+            raise ValueError("it contains JSON values that are not objects")
         yield from found
         return
     while True:
@@ -202,7 +203,7 @@ def _objects(text: str) -> Iterator[dict[str, Any]]:
         except RecursionError as error:
             raise ValueError("it is nested too deep") from error
         if not isinstance(form, dict):
-            raise TypeError("it contains values other than objects")
+            raise TypeError("it contains JSON values that are not objects")
         yield form
 
 
@@ -214,7 +215,7 @@ def _tasks(where: Path, rows: Mapping[str, list[Any]], column: str | None) -> Ta
     if column is not None and column not in texts:
         raise UnknownNameError("column with instructions", column, texts)
     if chosen is None and texts:
-        problem = f"there is no column task; candidates are {', '.join(map(one_line, texts[:8]))}"
+        problem = f"there is no column named task; candidates are {', '.join(map(one_line, texts[:8]))}"
         raise RecordError(f"{where}: {problem}. Choose one with --instruction COLUMN.")
     if chosen is None:
         raise ValueError("it has no column with instructions")
@@ -256,7 +257,7 @@ class Frames:
     """Frame files of a data set.
 
     Attributes:
-        files: Readable files, in name order.
+        files: Files that can be read, sorted by name.
         pointers: Files that are Git LFS pointers.
     """
 
@@ -272,7 +273,12 @@ class Frames:
         return found
 
     def require_some(self, path: Path) -> None:
-        """Raise an error if no file can be read."""
+        """Raise an error if the data set has no readable frame file.
+
+        Raises:
+            RecordError: If all frame files are Git LFS pointers.
+            InvalidInputError: If there are no frame files.
+        """
         if not self.files and self.pointers:
             raise RecordError(f"{self.pointers[0]}: it cannot be read. {FETCH}.")
         if not self.files:
@@ -281,7 +287,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open an external table. A text shared by many rows is stored once."""
+    """Open a Parquet file from an external data set. Texts that occur in many rows are kept in memory only once."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:
@@ -296,7 +302,7 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
 
 
 def column_names(file: Path) -> frozenset[str]:
-    """Return the column names of a frame file. Raises RecordError if it cannot be read."""
+    """Return the names of the columns in a frame file. Raises RecordError if the file cannot be read."""
     try:
         _require_file(file)
         with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
@@ -306,9 +312,14 @@ def column_names(file: Path) -> frozenset[str]:
 
 
 def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
-    """Return columns of a frame file. ``widths`` contains the maximum number of values per frame of each column.
+    """Read columns of a frame file.
 
-    Raises RecordError if a column is missing, the file is invalid, or it exceeds the limits.
+    Args:
+        file: The frame file.
+        widths: Columns to read, each with the maximum number of values per frame.
+
+    Raises:
+        RecordError: If a column is missing, the file is invalid, or the file exceeds the size limits.
     """
     try:
         with _table_of(file) as table:
@@ -323,7 +334,7 @@ def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedA
 
 
 def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
-    """Raise ValueError if the declared sizes of a file exceed the limits."""
+    """Raise ValueError if the sizes that a Parquet file declares exceed the limits."""
     if meta.num_rows > MOST_ROWS:
         msg = f"it declares {meta.num_rows} rows; at most {MOST_ROWS} are supported"
         raise ValueError(msg)
@@ -344,9 +355,9 @@ def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
 
 
 def numbers_in(file: Path, name: str, column: pa.ChunkedArray, width: int) -> _Floats:
-    """Return a column as numbers, (rows,) for ``width`` 1 and (rows, width) otherwise.
+    """Return a column as numbers: an array of shape (rows,) if ``width`` is 1, otherwise (rows, width).
 
-    Raises RecordError if it does not have ``width`` numbers per row.
+    Raises RecordError if the column does not have ``width`` numbers in every row.
     """
     try:
         return _numbers(column, width)
@@ -376,16 +387,17 @@ def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
 
 
 def require_finite_column(file: Path, name: str, values: _Floats) -> None:
-    """Raise RecordError if a column has a non-finite value."""
+    """Raise RecordError if a column contains a value that is not finite."""
     bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
     if bad.size:
-        raise RecordError(f"{file}: {name} is not a finite number in row {bad[0]}. Correct or remove this row.")
+        raise RecordError(f"{file}: the value of {name} is not finite in row {bad[0]}. Correct or remove this row.")
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
-    """Return a string column as indices and distinct strings, or None if it does not contain strings.
+    """Return a string column as its distinct strings and, for each row, the index of its string.
 
-    A row may also be a list of one string. Raises RecordError if a list contains several strings.
+    Return None if the column does not contain strings. A row may also be a list with one string. Raises RecordError if
+    a row does not have exactly one string.
     """
     flat = column.combine_chunks()
     if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type):
@@ -393,7 +405,7 @@ def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, lis
             return None
         if any(count != 1 for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
             problem = f"{name} does not have exactly one string in each row"
-            raise RecordError(f"{file}: {problem}. Give a column with one instruction per frame.")
+            raise RecordError(f"{file}: {problem}. Choose a column with one instruction per frame.")
         flat = flat.flatten()
     if not _is_text(flat.type):
         return None
@@ -403,6 +415,6 @@ def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, lis
 
 
 def runs(values: _Ints) -> Iterator[tuple[int, int]]:
-    """Yield the rows [start, stop) of each run of equal values."""
+    """Yield the range of rows [start, stop) of each run of equal values."""
     edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
     yield from ((a, b) for a, b in itertools.pairwise(edges) if b > a)

@@ -1,4 +1,4 @@
-"""Frame order of a LeRobot data set. Its files may be unsorted, and episodes may span several files."""
+"""Order of the frames in a LeRobot data set, whose files may be unsorted and whose episodes may span several files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.demonstrations.shortcuts.lerobot_files import (
 from betterbench.errors import RecordError
 
 _KEYS = ("frame_index", "timestamp")
-"""Columns that may contain the frame order of an episode. The first existing column is used."""
+"""Columns that may contain the order of the frames in an episode. The first of them that exists is used."""
 _MOST_INDEX = 2**53
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
@@ -31,13 +31,14 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class FileOrder:
-    """Order of the rows of a file by episode and frame.
+    """Order of the rows of a file when they are sorted by episode and frame.
 
     Attributes:
         episodes: (rows,) episode index of each sorted row.
-        frames: (rows,) ``key`` value of each sorted row; zeros without a key.
-        key: Column with the order in an episode; "" to keep the order of the file.
-        rows: (rows,) file row of each sorted row; None if the file is sorted.
+        frames: (rows,) value of the ``key`` column in each sorted row; zeros if there is no key column.
+        key: Column that contains the order of the frames in an episode; "" if there is none, so that the order in the
+            file is kept.
+        rows: (rows,) index in the file of each sorted row; None if the file is already sorted.
     """
 
     episodes: _Ints
@@ -47,7 +48,7 @@ class FileOrder:
 
     @classmethod
     def of(cls, file: Path) -> FileOrder:
-        """Return the row order of a file. Raises RecordError if its columns cannot be read."""
+        """Determine how the rows of a file are sorted. Raises RecordError if the columns cannot be read."""
         names = column_names(file)
         keys = [key for key in _KEYS if key in names]
         columns = read_columns(file, dict.fromkeys(("episode_index", *keys), 1))
@@ -67,22 +68,22 @@ class FileOrder:
         return cls(episodes[rows], frames[rows], key, rows)
 
     def sort(self, values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-        """Sort values (rows, ...) of the file."""
+        """Sort an array (rows, ...) that has one entry per row of the file."""
         return values if self.rows is None else np.asarray(values[self.rows])
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodePart:
-    """Sorted rows [start, stop) of a file that belong to one episode.
+    """Range of sorted rows [start, stop) of a file that belong to one episode.
 
     Attributes:
         file: The data file.
         start: First row.
         stop: Row after the last row.
-        key: Column with the order of the frames; "" if there is none.
+        key: Column that contains the order of the frames; "" if there is none.
         first: Value of the ``key`` column in the first row.
         last: Value of the ``key`` column in the last row.
-        finite: Whether all values are finite.
+        finite: Whether all values of the ``key`` column in these rows are finite.
     """
 
     file: Path
@@ -95,7 +96,7 @@ class EpisodePart:
 
     @classmethod
     def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> EpisodePart:
-        """Create a part of an episode. Raises RecordError if a frame occurs twice."""
+        """Create the part of an episode that lies in one file. Raises RecordError if a frame occurs twice."""
         frames = order.frames[start:stop]
         same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
         if same.size:
@@ -112,7 +113,10 @@ _CURE = "Fetch the files again, or remove the duplicate rows"
 
 
 def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
-    """Return the order of an episode's parts. Raises RecordError if two parts overlap in time."""
+    """Return the order in which the parts of an episode follow each other in time, as indices of ``parts``.
+
+    Raises RecordError if two parts overlap in time.
+    """
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]

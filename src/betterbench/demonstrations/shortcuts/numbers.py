@@ -1,7 +1,8 @@
-"""Recognition of components of external data sets by name: gripper, end-effector position, or joint.
+"""Recognize by name what a component of an external data set measures, such as a gripper, a position or a joint.
 
-The name of a component is taken from ``meta/modality.json``, ``meta/info.json``, or its column, in this order. The
-index in the vector is not used, because the last component may belong to a waist or a thumb.
+The name of a component is taken from ``meta/modality.json``, ``meta/info.json``, or the name of its column, in this
+order. The position of a component in its vector is not used, because the last component is not always the gripper; it
+may belong to a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 
 MOST_NUMBERS = 10_000
-"""Maximum number of components of a column."""
+"""Maximum number of components in a column."""
 _MOST_DIGITS = 9
 
 _GRIPPER = re.compile(r"grip|claw$|jaws?$")
@@ -51,10 +52,10 @@ class NamedNumber:
     """Component of a column.
 
     Attributes:
-        column: Column name.
+        column: Name of the column.
         index: Index of the component in the column.
-        name: Name in ``meta/info.json``; "" if it has none.
-        labels: Names of the component, the most specific first.
+        name: Name of the component in ``meta/info.json``; "" if it has none.
+        labels: All names of the component from different files, the most specific first.
         by: Source of each of these names.
     """
 
@@ -66,19 +67,19 @@ class NamedNumber:
 
     @property
     def shown(self) -> str:
-        """The component in the notation of ``--gripper`` and ``--place``."""
+        """Text that denotes this component in the options ``--gripper`` and ``--place``."""
         return f"{self.column}:{self.name}" if self.name else f"{self.column}[{self.index}]"
 
 
 @dataclass(frozen=True, slots=True)
 class NumberRole:
-    """Physical quantity of a component, and its arm.
+    """Physical quantity that a component measures, and the arm that it belongs to.
 
     Attributes:
-        kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if unknown.
-        arm: ``left``, ``right``, a number as text, or "" if unknown.
-        by: Source of the name.
-        kinds: Kind according to each of its labels.
+        kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body`` or ``other``; "" if unknown.
+        arm: ``left``, ``right`` or a number as text; "" if unknown.
+        by: Source of the name that determined the kind.
+        kinds: Kind according to each of the component's names.
     """
 
     kind: str
@@ -88,13 +89,13 @@ class NumberRole:
 
 
 def tokens(name: str) -> list[str]:
-    """Split a name into words and numbers in lower case ("leftArm_joint2": left, arm, joint, 2)."""
+    """Split a name into its words and numbers in lower case, e.g. "leftArm_joint2" into left, arm, joint, 2."""
     split = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
     return re.findall(r"[a-z]+|\d+", split.lower())
 
 
 def arm_in(name: str) -> str:
-    """Return the arm in a name: ``left``, ``right``, a number as text, or "" for none."""
+    """Return the arm that a name mentions: ``left``, ``right``, a number as text, or "" if it mentions no arm."""
     found = {_SIDES[token] for token in tokens(name) if token in _SIDES}
     if len(found) == 1:
         return found.pop()
@@ -103,7 +104,11 @@ def arm_in(name: str) -> str:
 
 
 def size_of(feature: object) -> int:
-    """Return the number of components in a column, or 0 for images, texts, integers and arrays with more axes."""
+    """Return the number of components in a column.
+
+    Return 0 for images, texts, integers, and arrays with more than one axis, since they are not vectors of
+    measurements.
+    """
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
         return 0
     shape = feature.get("shape")
@@ -114,7 +119,7 @@ def size_of(feature: object) -> int:
 
 
 def names_of(feature: object) -> list[str]:
-    """Return the component names of a column from nested lists and maps, in order."""
+    """Return the names of a column's components in order. They may be stored in nested lists and maps."""
     found = list(_names(feature.get("names") if isinstance(feature, dict) else None, "", 0))
     return [one_line(name, most=80) for name in found[:MOST_NUMBERS]]
 
@@ -135,14 +140,19 @@ def _names(form: object, prefix: str, depth: int) -> Iterable[str]:
 
 
 def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict[str, tuple[NamedNumber, ...]]:
-    """Return the components of each floating-point column."""
+    """Return the components of each column of floating-point numbers.
+
+    Args:
+        features: Content of ``features`` in ``meta/info.json``.
+        modality: Content of ``meta/modality.json``; empty if the file does not exist.
+    """
     spans = _spans(modality)
     found = {}
     for column, feature in features.items():
         size = size_of(feature)
         names = names_of(feature)
         if (len(names) == 1 and size > 1) or len(names) > size:
-            names = []  # openpi's data sets have one name for all components
+            names = []  # data sets made for openpi have one name for all components
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -159,7 +169,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
 
 
 def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
-    """Return the names in ``meta/modality.json`` by column and index."""
+    """Return the names in ``meta/modality.json`` by column and index of the component."""
     found: dict[tuple[str, int], str] = {}
     for kind, usual in (("state", "observation.state"), ("action", "action")):
         entries = modality.get(kind)
@@ -167,7 +177,7 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
             start, end = (span.get("start"), span.get("end")) if isinstance(span, dict) else (None, None)
             if not isinstance(start, int) or not isinstance(end, int) or not 0 <= start < end <= MOST_NUMBERS:
                 problem = f"{kind}.{one_line(key, most=80)} has no start and end"
-                raise InvalidInputError("meta/modality.json", problem, "Correct it, or move the file away")
+                raise InvalidInputError("meta/modality.json", problem, "Correct this entry, or remove the file")
             column = span.get("original_key") or usual
             for index in range(start, end):
                 name = one_line(key, most=80)
@@ -176,7 +186,7 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
 
 
 def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
-    """Return the role of each component of a column."""
+    """Determine the role of each component of a column from its names."""
     sets = [_parts(numbers, level) for level in range(3)]
     parts = []
     for i, number in enumerate(numbers):
@@ -191,10 +201,15 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each component according to its labels from one source."""
+    """Return the kind of each component, as implied by the component names that come from one file.
+
+    Args:
+        numbers: Components of a column.
+        level: Index of the source in the ``labels`` of each component.
+    """
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
-    # For positions with an index but without an axis name, the first three with the same name are x, y and z.
+    # If positions have an index but no axis name, the first three components with the same name are x, y and z.
     start = 0
     for base, group in itertools.groupby(labels, key=lambda label: re.sub(r"[\W_]*\d+\]?$", "", label)):
         size = len(list(group))
@@ -234,19 +249,22 @@ def _kind(label: str) -> str:
 
 
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
-    """Return the column named by an option. Raises UnknownNameError with the closest names if it does not exist."""
+    """Return the name of a column that the user gave for an option.
+
+    If there is no such column, raise UnknownNameError with similar names.
+    """
     columns = list(known)
     if name not in columns:
-        raise UnknownNameError(f"column of {option}", name, columns)
+        raise UnknownNameError(f"column in {option}", name, columns)
     return name
 
 
 def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNumber]]) -> tuple[NamedNumber, ...]:
-    """Return the components named by the user: ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
+    """Return the components that the user wrote as ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
 
     Raises:
         UnknownNameError: If the column or the name does not exist.
-        InvalidInputError: If an index is out of range, or occurs twice.
+        InvalidInputError: If an index is out of range, or several components have the name.
     """
     if text in columns:
         return tuple(columns[text])
@@ -256,16 +274,16 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
         chosen = re.findall(r"\d+", indexed.group(2))
         for i in chosen:
             if len(i) > _MOST_DIGITS or int(i) >= len(numbers):
-                problem = f"{indexed.group(1)} has {len(numbers)} numbers; {one_line(i, most=20)} does not exist"
-                raise InvalidInputError(option, problem, f"Give an index from 0 to {len(numbers) - 1}")
+                problem = f"{indexed.group(1)} has {len(numbers)} components, so {one_line(i, most=20)} does not exist"
+                raise InvalidInputError(option, problem, f"Use an index from 0 to {len(numbers) - 1}")
         return tuple(numbers[int(i)] for i in chosen)
     column, colon, name = text.partition(":")
     numbers = columns[find_column(option, column, columns)]
     found = [n for n in numbers if name in (n.name, *n.labels)]
     if not colon or not found:
-        raise UnknownNameError(f"number of {column}", name, {n.name or str(n.index) for n in numbers})
+        raise UnknownNameError(f"component of {column}", name, {n.name or str(n.index) for n in numbers})
     if len(found) > 1:
         problem = f"{len(found)} components of {column} have the name {one_line(name, most=80)!r}"
         which = ", ".join(str(n.index) for n in found[:8])
-        raise InvalidInputError(option, problem, f"Give {column}[N], where N is one of {which}")
+        raise InvalidInputError(option, problem, f"Write {column}[N], where N is one of {which}")
     return (found[0],)

@@ -1,4 +1,4 @@
-"""Audit and prediction as Markdown."""
+"""Shortcut audit and predicted failures as Markdown."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SMALLEST = (
 
 
 def audit_lines(audit: ShortcutAudit) -> list[str]:
-    """Format an audit as Markdown lines, with one section per group."""
+    """Format a shortcut audit as Markdown lines, with one section per group of demonstrations."""
     lines = [] if audit.reading is None else [*_reading_lines(audit.reading), ""]
     lines += [ABOUT, ""]
     for group in audit.groups:
@@ -42,7 +42,7 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
 
 
 def _reading_lines(reading: DataReading) -> list[str]:
-    """Return the first paragraph of an audit. Names from external data are escaped."""
+    """Return the description of the data as Markdown lines. Names from external data sets are escaped."""
     return [markdown_text(reading.paragraph)]
 
 
@@ -84,7 +84,10 @@ def _cells(f: Finding) -> tuple[str, ...]:
 
 
 def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
-    """Return a warning that variations without a rule may be at risk too, or an empty string."""
+    """Return a warning that variations for which no shortcut was found may fail too. Return "" if it does not apply.
+
+    The warning applies if the data have too few demonstrations for every strong rule to be found.
+    """
     safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
     unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
     if not safe or not unseen:
@@ -97,7 +100,12 @@ def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
 
 
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
-    """Format the ranking of at most ``most`` variations, most likely failures first."""
+    """Format the predicted failures as a Markdown table, most likely failures first.
+
+    Args:
+        prediction: Prediction for all variations.
+        most: Maximum number of variations in the table; None for all.
+    """
     rows = []
     for f in prediction.variations[:most]:
         because = "; ".join(f.because) or "it breaks none of the found rules"

@@ -1,4 +1,4 @@
-"""Word pairs that only together determine an outcome."""
+"""Pairs of words that determine an outcome only when they occur together."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_WORDS = 200
-"""Maximum number of words tested in pairs. The words that distinguish the most episodes are chosen."""
+"""Maximum number of words that are tested in pairs.
+
+If there are more, the words that split the episodes most evenly are used.
+"""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -20,16 +23,17 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WordPair:
-    """Two features that are associated with an outcome if they occur together.
+    """Two features that are associated with an outcome if they occur together. A feature is the presence of a word.
 
     Attributes:
         first: Index of the first feature.
         second: Index of the second feature.
         outcome: Index of the most frequent outcome among episodes with both features.
-        p_value: Larger p-value of two exact tests. Each compares, among the episodes with one feature, the frequency of
-            the outcome with and without the other feature. It is corrected for the number of outcomes, and by Holm
-            (1979) for the number of pairs.
-        gain: Fraction of the outcome's uncertainty given one feature that the other feature resolves.
+        p_value: Larger p-value of two exact tests. Each test takes the episodes with one of the features, and compares
+            how frequent the outcome is with and without the other feature. The p-value is corrected for the number of
+            outcomes, and by Holm's method (1979) for the number of pairs.
+        gain: How much the second feature helps to predict the outcome if the first is known: the increase of the
+            outcome's frequency, as a fraction of the largest possible increase.
     """
 
     first: int
@@ -40,15 +44,15 @@ class WordPair:
 
 
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
-    """Return the pairs of features that can be tested, with their outcome, the clearest first.
+    """Test all pairs of features that occur together often enough, and return them with the smallest p-value first.
 
-    A feature that occurs in exactly the episodes with two other features is left out, because it is equivalent to their
-    pair.
+    If a feature occurs in exactly the episodes that have two other features, it is left out, because it is equivalent
+    to the pair of these features.
 
     Args:
-        presence: (episodes, features) whether an episode has a feature.
+        presence: (episodes, features) mask of the features that each episode has.
         outcome: (episodes,) index of each episode's outcome, from 0.
-        fewest: Minimum number of episodes with both features.
+        fewest: Minimum number of episodes with both features of a pair.
     """
     kept = _elements(presence)
     counts = presence[:, kept].sum(axis=0)
@@ -77,7 +81,7 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Word
 
 
 def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
-    """Sort pairs, the clearest first, and correct their p-values by Holm's method."""
+    """Correct the p-values of pairs by Holm's method. The pairs are sorted by p-value."""
     corrected, least = [], 0.0
     for rank, pair in enumerate(pairs):
         least = max(least, min(1.0, pair.p_value * (len(pairs) - rank)))
@@ -86,7 +90,7 @@ def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
 
 
 def _elements(presence: _Bools) -> _Ints:
-    """Return the features that are not equivalent to a pair of other features."""
+    """Return the indices of the features that are not equivalent to a pair of other features."""
     columns = [np.packbits(column).tobytes() for column in presence.T]
     counts = presence.sum(axis=0)
     order = np.argsort(-counts, kind="stable")[: 2 * MOST_WORDS]
@@ -100,12 +104,15 @@ def _elements(presence: _Bools) -> _Ints:
 
 
 def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _Floats) -> float:
-    """Return the one-sided p-value of Fisher's exact test that an outcome is more frequent with a feature.
+    """Test whether an outcome is more frequent with a feature than without it.
+
+    Return the p-value of Fisher's exact test.
 
     Args:
-        with_it: Number of episodes with the outcome, and number of all episodes, among those with the feature.
-        without: The same for episodes without the feature.
-        logs: Logarithms of the factorials.
+        with_it: Number of episodes with the feature and the outcome, and number of all episodes with the feature.
+        without: Number of episodes with the outcome but without the feature, and number of all episodes without the
+            feature.
+        logs: Logarithms of the factorials 0!, 1!, 2!, ...
     """
     (k, n), (k_out, n_out) = with_it, without
     total, successes = n + n_out, k + k_out
@@ -124,11 +131,11 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 
 
 def least_share(n: int, tests: int, level: float) -> float | None:
-    """Return the smallest fraction of episodes that must follow a rule for a significant test.
+    """Return the smallest fraction of episodes that must follow a rule for the test of the rule to be significant.
 
     The rule relates a word that occurs in half of the episodes to two equally frequent outcomes. The test is Fisher's
-    one-sided exact test, corrected for the number of tests (pairs times outcomes). Returns None if no fraction is
-    sufficient.
+    one-sided exact test, corrected for the number of tests (pairs times outcomes). Return None if the test is not
+    significant even if all episodes follow the rule.
     """
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     half = n // 2

@@ -1,4 +1,4 @@
-"""Names of places in external data: cells of an arm's workspace, split at gaps between the points."""
+"""Names for places in external data sets. The workspace of an arm is divided into cells, and each cell is one place."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 GAP_SHARE = 0.08
-"""Minimum gap between neighboring values at which an axis is split into cells, relative to the range of the longest
-axis.
+"""An axis is split into cells at gaps between neighboring values that are larger than this fraction of the longest
+axis's range.
 """
 NARROW_SHARE = 0.2
-"""Minimum range of an axis that is split into cells, relative to the longest axis."""
+"""An axis is only split into cells if its range is larger than this fraction of the longest axis's range."""
 LEAST_SHARE = 0.05
-"""Minimum share of all values in a cell."""
+"""Minimum fraction of all points in a cell."""
 CELLS = 3
-"""Number of cells on an axis without gaps, which contain equal numbers of values."""
+"""Number of cells along an axis without gaps. The cells contain equal numbers of points."""
 SET_OUT_SHARE = 0.1
-"""Path length of the tool after which its direction is determined, relative to the range of positions."""
+"""Distance from the start at which the first direction of the tool is determined, as a fraction of the range of
+positions.
+"""
 DIRECTIONS = 8
 _MOST_POINTS = 200_000
 
@@ -28,7 +30,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
-    """Return the mean of points (n, d), and the two directions (2, d) of largest variance."""
+    """Return the plane in which points (n, d) vary most, as its center (d,) and two directions (2, d)."""
     used = points[:: max(1, len(points) // _MOST_POINTS)]
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
@@ -40,16 +42,16 @@ def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
 
 
 def in_plane(points: _Floats, plane: tuple[_Floats, _Floats]) -> _Floats:
-    """Return the coordinates (n, 2) of points in a plane."""
+    """Return the coordinates of points in a plane given by its center and two directions, as an (n, 2) array."""
     middle, ways = plane
     return np.asarray((points - middle) @ ways.T, dtype=np.float64)
 
 
 def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
-    """Return a place name for each point, which is the center of the points in its cell.
+    """Return the name of each point's place. The name is the center of all points in the same cell.
 
     Args:
-        points: Points (d,), d is 2 or 3. The third coordinate (height) is only split at gaps.
+        points: Points (d,), where d is 2 or 3. The third coordinate (height) is only split where there is a gap.
         exact: Whether the points are positions. Otherwise, their two principal components are used.
     """
     if not points:
@@ -69,13 +71,17 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
 
 def _written(point: _Floats, span: float) -> str:
-    """Format a point with enough digits to distinguish the cells of a span."""
+    """Format a point with enough digits to tell the cells of a workspace of the given size apart."""
     digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
     return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
 
 
 def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
-    """Return the cell index of each value. The cells are split at gaps or, without gaps, have equal counts."""
+    """Return the index of the cell that each value belongs to.
+
+    The axis is split at gaps between the values. If there are no gaps, it is split into cells with equal numbers of
+    values, unless ``at_gaps_alone`` is True.
+    """
     ordered = np.sort(values)
     low, high = np.quantile(ordered, [0.01, 0.99])
     if high - low <= NARROW_SHARE * span:
@@ -93,10 +99,12 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the first direction of a path in the plane, one of eight, or "" if the path does not move.
+    """Return the direction in which a path in the plane sets out, rounded to one of eight directions.
+
+    Return "" if the path does not leave its first point.
 
     Args:
-        points: (T, 2) positions.
+        points: (T, 2) positions along the path.
         span: Range of all positions of the data set.
     """
     away = points - points[0]

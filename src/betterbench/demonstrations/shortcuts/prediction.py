@@ -1,7 +1,7 @@
-"""Prediction of the variations that a learner trained on a data set will fail, made before training.
+"""Predict, before training, which variations a policy trained on a data set will fail.
 
-The prediction depends only on the audit. The risk of a variation increases with the number and strength of the rules
-that it breaks. A variation that breaks no rule is not at risk.
+The prediction depends only on the shortcut audit. The risk of a variation increases with the number and strength of the
+rules that do not hold in the variation. A variation in which all rules hold has no predicted risk.
 """
 
 from __future__ import annotations
@@ -53,10 +53,11 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Assumed probability that a learner follows a rule of full strength, by question. These values were not measured.
-Rules about two words or complete instructions have the same weight as rules about single words.
+"""Assumed probability that a policy follows a rule of full strength, by question. These values were not measured.
 
-A rule about the picked object decides the complete trial, whereas a rule about other objects rarely matters."""
+Rules about two words or complete instructions have the same weight as rules about single words. A rule about the picked
+object decides the complete trial, whereas a rule about other objects rarely matters.
+"""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -77,14 +78,15 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Failure labels of a learner that follows a rule, by question, most likely first. For each variation, only labels that
-are possible there are used.
+"""Failure labels of a policy that follows a rule, by question, most likely label first.
+
+For each variation, only labels that are possible in the variation are used.
 """
 
 NAMESPACE = "betterbench-prediction"
-"""Namespace of signatures made by ``ssh-keygen -Y``."""
+"""Namespace of the signatures that ``ssh-keygen -Y`` makes."""
 _MAX_BYTES = 8 * 1024 * 1024
-_CURE = "Give a file written by better dataset or better shortcuts"
+_CURE = "Use a file that better dataset or better shortcuts wrote"
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -96,10 +98,10 @@ class Forecast:
     """Prediction for one variation.
 
     Attributes:
-        rank: Rank, from 1 for the most likely failure.
-        risk: Risk from 0 to 1. It is 0 if the variation breaks no rule in the data, or the task has no demonstrations.
+        rank: Rank among all variations; 1 is the most likely failure.
+        risk: Risk from 0 to 1. It is 0 if all rules found in the data hold in the variation.
         label: Most likely failure label; "" if the risk is 0.
-        because: Rules that the variation breaks, each with the reason.
+        because: Rules that do not hold in the variation, each with the reason.
     """
 
     rank: int
@@ -114,14 +116,14 @@ class Forecast:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Ranking of all variations for a data set.
+    """Variations of a data set's tasks, ranked by their risk of failure.
 
     Attributes:
-        source: The audited data.
-        facts_sha256: SHA-256 of the facts.
-        dataset_sha256: Hash of the demonstrations; "" if there is none.
-        tasks: Tasks in the data.
-        variations: One forecast per variation of these tasks, in ranking order.
+        source: Name of the audited data set.
+        facts_sha256: SHA-256 of the facts on which the audit is based.
+        dataset_sha256: SHA-256 of the demonstrations; "" if there is none.
+        tasks: Tasks in the data set.
+        variations: One forecast per variation of these tasks, in the order of the ranking.
         sha256: SHA-256 of all other fields.
     """
 
@@ -137,17 +139,20 @@ class Prediction:
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
 
     def sealed(self) -> Prediction:
-        """Return the prediction with ``sha256`` set."""
+        """Return a copy of the prediction with ``sha256`` computed from all other fields."""
         form = asdict(self)
         del form["sha256"]
         return replace(self, sha256=hashlib.sha256(dump_json(form)).hexdigest())
 
     def file_bytes(self) -> bytes:
-        """Return the content of the file, JSON."""
+        """Return the prediction as the JSON content of a file."""
         return (json_text(asdict(self), indent=1) + "\n").encode()
 
     def of(self, task: str, variation: str) -> Forecast:
-        """Return the forecast of a variation. Raises KeyError if it does not exist."""
+        """Return the forecast for a variation of a task.
+
+        Raises KeyError if the prediction does not cover the variation.
+        """
         return {(f.task, f.variation): f for f in self.variations}[task, variation]
 
 
@@ -155,13 +160,13 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Predict the failures of a learner trained on the data set, for all audited tasks.
+    """Predict, for all audited tasks, which variations a policy trained on the data set will fail.
 
     Raises InvalidInputError if no audited group is a known task.
     """
     groups = {group.group: group for group in audit.groups if group.group in task_names()}
     if not groups:
-        cure = "Give demonstrations of tasks in the suite"
+        cure = "Use demonstrations of tasks in the suite"
         raise InvalidInputError(audit.source, "it contains no known task", cure)
     found = []
     for name, group in groups.items():
@@ -192,7 +197,11 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
 
 
 def _label(task: str, variation: str, broken: list[Finding]) -> str:
-    """Return the label with the largest weight over all broken rules, among those possible in the variation."""
+    """Return the most likely failure label in a variation, given the rules that do not hold in it.
+
+    Each of these rules votes for the labels that it may cause, with its weight times its strength. Labels that cannot
+    occur in the variation are not counted.
+    """
     if not broken:
         return ""
     exposed = exposed_labels(task, variation)
@@ -216,12 +225,12 @@ def read_prediction(path: Path) -> Prediction:
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     found = read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)
     if found.sealed().sha256 != found.sha256:
-        raise RecordError(f"{path}: it was changed after it was written: its hash differs. {_CURE}.")
+        raise RecordError(f"{path}: its hash does not match, so the file was changed after it was written. {_CURE}.")
     return found
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
-    """Write a prediction, and remove the signature of an earlier one."""
+    """Write a prediction to a file. If the content changes, remove the signature of the earlier content."""
     data = prediction.file_bytes()
     if not path.exists() or read_ordinary(path) != data:
         _signature_of(path).unlink(missing_ok=True)
@@ -233,7 +242,7 @@ def _signature_of(path: Path) -> Path:
 
 
 def sign(path: Path, key: Path) -> Path:
-    """Sign a file with an SSH key by ``ssh-keygen -Y sign``, and return the signature file.
+    """Sign a file with an SSH key, using ``ssh-keygen -Y sign``. Return the path of the signature file.
 
     Raises:
         MissingDependencyError: If ssh-keygen is not installed.
@@ -244,7 +253,7 @@ def sign(path: Path, key: Path) -> Path:
         open_ordinary(key).close()  # ssh-keygen would wait for a named pipe
     except (OSError, ValueError) as error:
         problem = f"{key} cannot be read ({getattr(error, 'strerror', None) or error})"
-        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key") from error
+        raise InvalidInputError("--sign", problem, "Pass the file of a private SSH key") from error
     command = ["ssh-keygen", "-Y", "sign", "-n", NAMESPACE, "-f", str(key)]
     try:
         done = subprocess.run(  # noqa: S603 - the user's own key; the file goes in, and the signature comes out
@@ -255,6 +264,6 @@ def sign(path: Path, key: Path) -> Path:
         raise MissingDependencyError(problem) from error
     if done.returncode or not done.stdout:
         problem = last_line(done.stderr.decode(errors="replace")) or f"ssh-keygen ended with {done.returncode}"
-        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key without a passphrase")
+        raise InvalidInputError("--sign", problem, "Pass the file of a private SSH key without a passphrase")
     write_durably(signature, done.stdout)
     return signature

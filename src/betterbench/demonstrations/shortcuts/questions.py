@@ -1,4 +1,4 @@
-"""Questions of the audit: pairs of variables that may be associated in demonstrations."""
+"""Questions of the shortcut audit: pairs of variables that may be associated in demonstrations."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
 from betterbench.demonstrations.shortcuts.words import instruction_words
 
 Pair = tuple[str, str]
-"""Values of the two variables in an observation."""
+"""Values of the two variables in one observation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question about two variables: can a learner infer one from the other?
+    """Question of whether a policy could infer one variable from another.
 
     Attributes:
-        name: Name in files.
+        name: Name of the question in files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
-        pairs: Function that returns the observations of a demonstration, given the kinds of objects that are picked in
-            any demonstration (None for all kinds).
-        within: Whether observations are permuted within a demonstration instead of between demonstrations.
+        pairs: Function that returns the observations (pairs of values) in a demonstration. Its second argument is the
+            set of object kinds that are picked in any demonstration; None means all kinds.
+        within: Whether the test permutes observations within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
 
@@ -35,7 +35,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the kinds of objects that are picked in any demonstration."""
+    """Return the kinds of objects that are picked in at least one demonstration."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 
@@ -100,20 +100,20 @@ QUESTIONS = (
     Question("thing_target", "object and target", "{x} is brought to {y}", _thing_target),
     Question("landmark_place", "place of the target and of objects", "with {x}, objects stand at {y}", _landmark_place),
 )
-"""Questions about named objects. Objects in external data sets have no names, so only words are tested there."""
+"""Questions about named objects. They do not apply to external data sets, whose objects have no names."""
 
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Property of a demonstration that words of the instruction may predict.
+    """Property of a demonstration that the words of its instruction may predict.
 
     Attributes:
         name: Name of the question about single words.
-        what: Description of the outcome.
-        rule: Text of a finding, with the outcome as ``{y}``.
-        of: Function that returns a demonstration's outcome, or "".
-        missing: Reason to report if no demonstration has the outcome.
-        is_place: Whether the outcome is a place, direction or side, which a word such as "left" may refer to.
+        what: Description of the property.
+        rule: Text of a finding, with the value of the property as ``{y}``.
+        of: Function that returns the value of the property for a demonstration, or "" if the demonstration has none.
+        missing: Reason to report if no demonstration has the property.
+        is_place: Whether the property is a place, a direction or a side, so that a word such as "left" may refer to it.
     """
 
     name: str
@@ -124,34 +124,51 @@ class WordOutcome:
     is_place: bool = True
 
     def question(self, level: str) -> str:
-        """Return the name of the question about words, word pairs or complete instructions."""
+        """Return the name of the question about single words, about word pairs, or about complete instructions.
+
+        Args:
+            level: What the question is about.
+        """
         return self.name + level
 
     def title(self, level: str) -> str:
-        """Return the title of the question about words, word pairs or complete instructions."""
+        """Return the title of the question about single words, about word pairs, or about complete instructions.
+
+        Args:
+            level: What the question is about.
+        """
         return f"{_LEVELS[level]} and {self.what}"
 
 
 def _arm(facts: EpisodeFacts) -> str:
-    """Return the arm that acts first. Facts about arms have steps without places."""
+    """Return the arm that acts first, or "" for facts about anything else.
+
+    Facts about which arm acts first store the arm in place of an object, and their steps have no places.
+    """
     step = facts.steps[0] if facts.steps and not facts.privileged else None
     return step.thing if step is not None and not step.origin and not step.target else ""
 
 
 def _is_named(facts: EpisodeFacts) -> bool:
-    """Return whether the objects have names. In facts about arms, the arms take the place of objects."""
+    """Return whether the objects have names.
+
+    In facts about which arm acts first, they have none, since the names of arms are stored in place of objects.
+    """
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 
 
 def _first_object(facts: EpisodeFacts) -> str:
-    """Return the first of several picked objects, or the only one if the instruction does not name it."""
+    """Return the first picked object.
+
+    Return "" if only one object is picked and the instruction names it, since the outcome is then certain.
+    """
     taken = [step for step in facts.steps if step.thing and step.origin]
     several = len({step.thing for step in taken}) > 1
     return taken[0].thing if taken and (several or not instruction_words(taken[0].word) & facts.words) else ""
 
 
 def _sequence(facts: EpisodeFacts) -> str:
-    """Return the objects of a demonstration in order, or their origins if the objects have no names."""
+    """Return the picked objects in order. If the objects have no names, return their origins in order."""
     taken = [step.thing if _is_named(facts) else step.origin for step in facts.steps if step.origin]
     order = list(dict.fromkeys(name for name in taken if name))
     return ", then ".join(order) if len(order) > 1 else ""
@@ -160,16 +177,17 @@ def _sequence(facts: EpisodeFacts) -> str:
 COUNT, LANDMARK = "count", "landmark"
 """Names of the questions about constants: the initial number of objects, and the slot of a landmark.
 
-Constants are not associations and are not tested.
+A constant is not an association, so there is no test for it.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
-"""Questions about each word of the instructions: first and last position of the gripper's actions, its first direction,
-first object, order of objects, and arm.
+"""Names of the questions about the words of the instruction. Their outcomes are, in this order, the place where the
+gripper first closes, the place where it last opens, its first direction, the first picked object, the order of the
+picked objects, and the arm that acts first.
 """
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"
-"""Name suffixes of questions about single words, word pairs and complete instructions."""
+"""Suffixes in the names of questions about single words, word pairs and complete instructions."""
 _LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
 
 _NO_GRASP = "no demonstration has this outcome"
@@ -200,8 +218,8 @@ WORD_OUTCOMES = {
 
 
 def base_of(question: str) -> str:
-    """Return the single-word question that corresponds to one about pairs or complete instructions.
+    """Return the question about single words that corresponds to a question about word pairs or complete instructions.
 
-    Other questions are returned unchanged.
+    The names of other questions are returned unchanged.
     """
     return question.removesuffix(PAIRS).removesuffix(WHOLE)

@@ -1,4 +1,4 @@
-"""Description of the data of an audit: episodes, instructions, grippers and positions."""
+"""Description of the data that an audit read: episodes, instructions, grippers and positions."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from betterbench.statistics.wording import plural
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """Source, range and polarity of a gripper's values.
+    """Source and range of a gripper's values, and which end of the range means closed.
 
     Attributes:
-        arm: Arm of the gripper; "" if there is only one.
-        source: Column and component that were read, with the reason.
+        arm: Arm of the gripper; "" if there is only one arm.
+        source: Column and component that were read, with the reason for this choice.
         low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         closed: Closed end of the range: ``low`` or ``high``.
-        because: Reason for this end.
-        share_closed: Fraction of frames in which the gripper is closed.
+        because: Reason for choosing this end.
+        share_closed: Fraction of the frames in which the gripper is closed.
         never: Number of episodes in which the gripper never closes.
     """
 
@@ -35,13 +35,13 @@ class GripperReading:
 
 @dataclass(frozen=True, slots=True)
 class PlaceReading:
-    """Source of one arm's positions.
+    """Source of the positions of one arm.
 
     Attributes:
-        arm: Arm; "" if there is only one.
-        source: Columns and components that were read, with the reason.
-        space: Kind of position values: ``position``, ``joints`` (two principal components of the joints), ``numbers``
-            (two principal components of unnamed values) or ``steps`` (sums of the actions).
+        arm: Arm; "" if there is only one arm.
+        source: Columns and components that were read, with the reason for this choice.
+        space: Kind of values: ``position``, ``joints`` (two principal components of the joints), ``numbers`` (two
+            principal components of unnamed values) or ``steps`` (sums of the actions).
     """
 
     arm: str
@@ -56,13 +56,14 @@ class DataReading:
     Attributes:
         episodes: Number of episodes that were read.
         of: Number of episodes that the data set declares.
-        observations: Description of the compared units, if these are segments with one instruction each.
-        instruction: Source and number of the instructions.
-        grippers: One entry per arm; empty for records of betterbench, whose states contain the grasps.
+        observations: Description of the segments if the audit compares segments with one instruction each; "" if it
+            compares complete episodes.
+        instruction: Source of the instructions, and their number.
+        grippers: One entry per arm; empty for records of betterbench, whose states show the grasps.
         places: One entry per arm.
         about: Additional sentences about the sources.
-        left_out: Data that were not read, with the reason.
-        warnings: Problems in the data that may cause wrong findings.
+        left_out: Data that were not read, each with the reason.
+        warnings: Problems in the data that may lead to wrong findings.
     """
 
     episodes: int
@@ -101,5 +102,5 @@ def _of(what: str, arm: str) -> str:
 
 
 def how_many(count: int, one: str) -> str:
-    """Return "1 episode", "1,200 episodes"."""
+    """Format a count with its noun, e.g. "1 episode" or "1,200 episodes"."""
     return f"{count:,} {plural(count, one).partition(' ')[2]}"

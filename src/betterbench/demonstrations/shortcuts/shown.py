@@ -1,4 +1,7 @@
-"""Facts of records, computed from states and instruction without trusting the name of the condition."""
+"""Facts about recorded demonstrations, computed from the recorded states and the instruction.
+
+The condition that a record names is not trusted.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,13 @@ from betterbench.tasks.interventions.listed_regimes import every_listed_conditio
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
-"""Maximum distance of a settled object from the jitter region of its slot [m]."""
+"""Maximum distance of a settled object from the region in which its slot places objects [m]."""
 AT_TARGET_M = 0.20
 """Maximum horizontal distance between a pre-placed object and its target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: training conditions, variations, and other training distributions."""
+    """Return all conditions of a task: training conditions, variations, and those of other training distributions."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 
@@ -33,8 +36,8 @@ def every_condition(task: Task) -> tuple[Condition, ...]:
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
     """Return the conditions that match the instruction and the first state of a record.
 
-    Kinds and slots of objects, objects at a target, and open drawers are compared. The name of the condition is
-    ignored.
+    The kinds and slots of objects, objects already at a target, and open drawers are compared. The condition named in
+    the record is ignored.
     """
     task = get_task(record.metadata.task)
     said = [c for c in conditions if c.instruction.text == record.metadata.instruction]
@@ -84,9 +87,15 @@ def _is_near_one(state: WorldState, targets: Sequence[str], name: str) -> bool:
 def facts_of_run(
     run: RunFolder, trials: Sequence[TrialId], *, conditions: Callable[[Task], tuple[Condition, ...]] = every_condition
 ) -> Iterator[tuple[TrialId, EpisodeFacts]]:
-    """Yield the facts of each record, with its matching conditions.
+    """Yield each trial of a run with the facts of its record.
 
-    Raises RecordError if a record cannot be read, or matches no condition.
+    Args:
+        run: Folder of the run.
+        trials: Trials to read.
+        conditions: Function that returns the conditions of a task that a record may match.
+
+    Raises:
+        RecordError: If a record cannot be read, or matches no condition.
     """
     known: dict[str, tuple[Condition, ...]] = {}
     for trial in trials:
@@ -95,12 +104,14 @@ def facts_of_run(
         shown = conditions_shown(record, candidates)
         if not shown:
             where = run.record_path(trial.task, trial.condition, trial.seed)
-            raise RecordError(f"{where}: it matches no condition of {trial.task}. Record it again with this version.")
+            raise RecordError(
+                f"{where}: it matches no condition of {trial.task}. Record the trial again with this version."
+            )
         yield trial, facts_of_record(record, shown[0])
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return the description of a run's data."""
+    """Describe the data that an audit read from a run."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

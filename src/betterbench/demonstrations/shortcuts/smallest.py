@@ -1,9 +1,9 @@
-"""Sensitivity of an audit: smallest rule that it would have found with the given number of demonstrations.
+"""Sensitivity of a shortcut audit: the smallest rule that it would have found with the given number of demonstrations.
 
-The sensitivity is estimated with planted rules. Planted data have the same frequencies of words and outcomes as the
-real data, and therefore the same permutations, correction and threshold. In a fraction of the demonstrations, the word
-or object determines the outcome. In all others, the outcome is random. The result is the smallest fraction that is
-found often enough.
+The sensitivity is estimated by planting artificial rules in the data. Planted data have the same frequencies of words
+and outcomes as the real data, and therefore the same permutations, correction and threshold. In a fraction of the
+demonstrations, the word or object determines the outcome. In all others, the outcome is random. The result is the
+smallest fraction at which the rule is found often enough.
 """
 
 from __future__ import annotations
@@ -28,35 +28,38 @@ from betterbench.demonstrations.shortcuts.association import (
 )
 
 POWER = 0.8
-"""Fraction of planted data sets in which a rule must be found."""
+"""Fraction of planted data sets in which the audit must find a rule."""
 REPLICATES = 400
-"""Number of planted data sets per rule size."""
+"""Number of planted data sets for each size of a rule."""
 _ENOUGH = POWER + 1.645 * math.sqrt(POWER * (1.0 - POWER) / REPLICATES)
-"""Required observed fraction, at which the true fraction is at least :data:`POWER` with 95 % confidence."""
+"""Fraction of planted data sets in which a rule must be observed to be found.
+
+The true fraction is then at least :data:`POWER` with 95 % confidence.
+"""
 STEPS = 20
-"""Number of rule sizes: rules that decide 1/20, 2/20, ... of the demonstrations."""
+"""Number of sizes that are tried: rules that decide 1/20, 2/20, ... of the demonstrations."""
 _MOST_WORDS = 20
-"""Maximum number of word frequencies that are tried."""
+"""Maximum number of different word frequencies that are tried."""
 _CHUNK = 2_000_000
-"""Maximum number of values that are planted at once."""
+"""Maximum number of values that are planted in one batch, to bound the memory."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Function of joint counts (tables, nx, ny) that returns whether a weak association is reported because one value is
-always right.
+"""Function that takes joint counts (tables, nx, ny) and returns, for each table, whether a weak association is reported
+anyway because one value always occurs with the same other value.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class RuleCounts:
-    """Criterion for reporting significant associations.
+    """Criterion by which a significant association is reported.
 
     Attributes:
-        strong: Minimum strength at which every association is reported.
-        certain: Test of whether a weaker association is reported.
+        strong: Strength at and above which every significant association is reported.
+        certain: Function that decides whether a weaker association is reported.
     """
 
     strong: float
@@ -65,18 +68,18 @@ class RuleCounts:
 
 @dataclass(frozen=True, slots=True)
 class SmallestRule:
-    """Smallest rule of a question that the audit would have found.
+    """Smallest rule that the audit would have found when it tested a question.
 
     Attributes:
         question: Question name.
         title: The question in words.
-        n: Number of compared demonstrations, or of observations in them.
-        noun: Noun for these observations.
-        least_share: Smallest fraction of outcomes that a rule must decide to be found in at least :data:`POWER` of all
-            data sets with these counts. The other outcomes are random. None if not even a rule without exceptions is
-            found.
-        strong_share: Same fraction if the p-value is ignored, so that only strength counts. It is the value of
-            ``least_share`` for a large number of demonstrations.
+        n: Number of compared demonstrations, or of compared observations within demonstrations.
+        noun: Noun for what is counted by ``n``.
+        least_share: Smallest fraction of the outcomes that a rule must determine so that it is found in at least
+            :data:`POWER` of all data sets with these counts. The other outcomes are random. None if not even a rule
+            without exceptions would be found.
+        strong_share: The same fraction if the rule must only be strong and need not be significant. With very many
+            demonstrations, ``least_share`` would have this value.
         sentence: Sentence that explains ``least_share``.
     """
 
@@ -90,7 +93,10 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether there are too few demonstrations to find every strong rule, by more than one step."""
+        """Whether some strong rules would be missed because there are too few demonstrations.
+
+        A difference of one step of the search grid is ignored.
+        """
         if self.least_share is None:
             return True
         return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
@@ -99,12 +105,25 @@ class SmallestRule:
 def smallest_rule(
     question: str, title: str, n: int, noun: str, shares: tuple[float | None, float | None]
 ) -> SmallestRule:
-    """Return the smallest rule of a question with its sentence. ``shares`` are ``least_share`` and ``strong_share``."""
+    """Create the smallest rule for a question, with the sentence that explains it.
+
+    Args:
+        question: Question name.
+        title: The question in words.
+        n: Number of compared demonstrations or observations.
+        noun: Noun for what is counted by ``n``.
+        shares: Fractions ``least_share`` and ``strong_share``.
+    """
     return SmallestRule(question, title, n, noun, *shares, f"{title}: {said_of(shares[0], f'{n} {noun}')}")
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return the sentence that explains the smallest fraction."""
+    """Return a sentence that states which rules the audit would have found.
+
+    Args:
+        share: Smallest fraction that a rule must determine to be found; None if no rule would be found.
+        of: Number of compared demonstrations with the noun, such as "24 demonstrations".
+    """
     if share is None:
         return f"with {of}, not even a rule without exceptions would be found"
     if share >= 1.0:
@@ -113,9 +132,10 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return the maximum number of permutations that may reach the value of the data in a significant test.
+    """Return the largest number of permutations that may exceed the data in a significant test.
 
-    It is negative if no result can be significant, because the smallest p-value times ``tests`` exceeds the level.
+    A permutation exceeds the data if it has at least as much mutual information. The result is negative if no test can
+    be significant, because the smallest possible p-value times ``tests`` exceeds the level.
     """
     least = 1.0 / (1 + PERMUTATIONS)
     most = int(level / (least * tests)) + 1
@@ -126,16 +146,18 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data for planting a rule. They are the values of a question, arranged so that a rule holds as far as possible.
+    """Data of a question, from which data sets with an artificial rule are made.
 
     Attributes:
         y: (n,) outcome of each observation.
-        perfect: (n,) first values, arranged to determine the outcomes as far as their counts allow.
-        block: (n,) index of the unit of each observation. The rule applies to complete units.
-        sizes: Numbers of different first and second values.
-        within: Whether first values are permuted within units instead of between units.
-        null: (PERMUTATIONS,) mutual information of the permutations [bit].
-        expected: Mutual information at chance [bit].
+        perfect: (n,) values of the first variable, rearranged so that they determine the outcomes as far as the counts
+            allow.
+        block: (n,) index of the unit that each observation belongs to. A unit is usually a demonstration. A rule
+            determines all observations of a unit or none.
+        sizes: Numbers of distinct values of the first and of the second variable.
+        within: Whether the first variable's values are permuted within units instead of between units.
+        null: (PERMUTATIONS,) mutual information of each permutation [bit].
+        expected: Mutual information expected by chance [bit].
     """
 
     y: _Ints
@@ -147,7 +169,16 @@ class Planted:
     expected: float
 
     def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
-        """Return planted first values, (rows, n): arranged in a fraction of the units, random in the others."""
+        """Return data sets with a planted rule that determines a fraction of the units. The other units are random.
+
+        Args:
+            share: Fraction of the units that the rule determines.
+            rows: Number of data sets to make.
+            draw: Random generator.
+
+        Returns:
+            Values of the first variable, as a (rows, n) array.
+        """
         units = int(self.block.max()) + 1
         free = units - round(share * units)
         chosen = random_orders(draw, rows, units)[:, :free]
@@ -163,7 +194,7 @@ class Planted:
         return each[:, self.block]
 
     def threshold(self, level: float, tests: int) -> float:
-        """Return the mutual information above which the corrected p-value is at most a level [bit]."""
+        """Return the mutual information [bit] above which the corrected p-value is at most ``level``."""
         most = most_permutations(level, tests)
         if most < 0:
             return math.inf
@@ -171,7 +202,14 @@ class Planted:
         return float(np.partition(self.null, place)[place])
 
     def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
-        """Return the fraction of planted data sets in which a rule is found that decides a fraction of the units."""
+        """Return the fraction of data sets with a planted rule in which the audit finds this rule.
+
+        Args:
+            share: Fraction of the units that the rule determines.
+            threshold: Mutual information above which a test is significant [bit].
+            counts: Criterion by which a significant association is reported.
+            draw: Random generator.
+        """
         replicates = 1 if share >= 1.0 else REPLICATES
         at_once = max(1, _CHUNK // max(len(self.y), self.sizes[0] * self.sizes[1]))
         found = 0
@@ -187,11 +225,14 @@ class Planted:
         return found / replicates
 
     def least_share(self, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float | None:
-        """Return the smallest fraction of units that a rule must decide to be found, or None."""
+        """Return the smallest fraction of the units that a rule must determine so that the audit finds it.
+
+        Return None if no rule is found.
+        """
         if self.share_found(1.0, threshold, counts, draw) < 1.0:
             return None
         units = int(self.block.max()) + 1
-        # with a single random unit, no values are exchanged, so the rule would have no exception
+        # If a single unit is random, no values are exchanged, so the rule would have no exception.
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
         low, high = -1, len(shares) - 1  # not enough, enough
@@ -203,19 +244,19 @@ class Planted:
 
 
 def planted_question(test: PermutationTest) -> Planted:
-    """Arrange the data of a question so that the first values determine the second ones."""
+    """Rearrange the data of a question so that the first variable determines the second variable as far as possible."""
     perfect = _matched_inside(test) if test.within else _matched_between(test)
     return Planted(test.y, perfect, test.block, test.sizes, test.within, test.null, test.found.expected_bits)
 
 
 def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[Association], null: _Floats) -> Planted:
-    """Arrange the data of a question about words so that the most informative word determines the outcome.
+    """Rearrange the data of a question about words so that the most informative word determines the outcome.
 
     Args:
-        presence: (episodes, words) whether an episode contains a word.
-        outcome: Each episode's outcome.
-        found: Finding on each word.
-        null: (PERMUTATIONS,) the largest mutual information of any word [bit].
+        presence: (episodes, words) mask of the words that each episode's instruction contains.
+        outcome: Outcome of each episode.
+        found: Association found for each word.
+        null: (PERMUTATIONS,) largest mutual information of any word in each permutation [bit].
     """
     y, kinds = codes_of(outcome)
     counts = presence.sum(axis=0)
@@ -233,7 +274,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Return the first values in the order that best matches the outcomes of the demonstrations."""
+    """Exchange the values of the first variable between demonstrations so that they match the outcomes best."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")
@@ -253,9 +294,19 @@ def _best_order(
     y: _Ints,
     sizes: tuple[int, int],
 ) -> tuple[float, _Ints]:
-    """Return the maximum mutual information of sorted first values with sorted outcomes [bit], and these values.
+    """Assign sorted values of the first variable to sorted outcomes so that the mutual information is largest.
 
-    The outcomes are sorted by frequency, and several of the most frequent ones are tried as the first.
+    The outcomes are sorted by frequency. Several of the most frequent outcomes are tried as the first in this order.
+
+    Args:
+        x: (units,) sorted values of the first variable.
+        outcomes: Outcomes of each unit.
+        spread: Function that repeats one value per unit for each observation.
+        y: (n,) outcome of each observation.
+        sizes: Numbers of distinct values of the first and of the second variable.
+
+    Returns:
+        Mutual information [bit], and the value of the first variable in each observation.
     """
     frequent = Counter(outcomes)
     kinds = sorted(frequent, key=lambda kind: (-frequent[kind], kind))
@@ -272,7 +323,7 @@ def _best_order(
 
 
 def _matched_inside(test: PermutationTest) -> _Ints:
-    """Match first and second values within each demonstration, by one mapping for all demonstrations."""
+    """Permute the values of the first variable within each demonstration so that all demonstrations follow one rule."""
 
     def by_count(values: _Ints, size: int) -> list[int]:
         return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))
@@ -297,7 +348,7 @@ def _matched_inside(test: PermutationTest) -> _Ints:
 
 
 def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
-    """Return the mutual information of joint counts (rows, nx, ny), and the smaller of the two entropies [bit]."""
+    """Return the mutual information of joint counts (rows, nx, ny) and the smaller of their two entropies [bit]."""
     n = int(joint[0].sum())
     logs = counts_log_counts(n)
     first, second = (logs[joint.sum(axis=axis)].sum(axis=1) for axis in (2, 1))
@@ -306,7 +357,10 @@ def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
 
 
 def shares_line(rules: Iterable[SmallestRule]) -> str:
-    """List the questions with their smallest rule on one line. Questions whose rules cannot be found come first."""
+    """List the questions on one line, grouped by their smallest rule.
+
+    Questions for which the audit could not have found any rule come first.
+    """
     groups: dict[float | None, list[str]] = {}
     for rule in rules:
         groups.setdefault(rule.least_share, []).append(rule.title)
@@ -315,5 +369,5 @@ def shares_line(rules: Iterable[SmallestRule]) -> str:
 
 
 def share_text(share: float | None) -> str:
-    """Format a fraction for a table ("85 %"), or "none, however strong" if no rule would be found."""
+    """Format a fraction for a table, e.g. "85 %". If no rule would be found, return "none, however strong"."""
     return "none, however strong" if share is None else f"{100.0 * share:.0f} %"

@@ -1,4 +1,4 @@
-"""Words of instructions in any script.
+"""Split instructions in any script into words.
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
 and Burmese have no such spaces, and finding words would require a dictionary. Instead, every run of up to
@@ -14,31 +14,35 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 
 LONGEST = 4
-"""Maximum length of a character run that is treated as a word in a script without spaces [characters]."""
+"""Maximum number of characters in a run that counts as a word in a script without spaces."""
 
 _NO_SPACES = re.compile(
     "[\u0e00-\u0e7f\u0e80-\u0eff\u1000-\u109f\u1780-\u17ff\u3005-\u3007\u3040-\u30ff\u31f0-\u31ff"
     "\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\uff66-\uff9f\U0001b000-\U0001b16f\U00020000-\U0003ffff]"
 )
-"""Thai, Lao, Burmese, Khmer, kana and Han characters, by the blocks of Unicode."""
+"""Thai, Lao, Burmese, Khmer, kana and Han characters, as Unicode ranges."""
 _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
-"""Variation selectors, joiners and zero-width spaces, which do not change the meaning."""
+"""Variation selectors, joiners and zero-width spaces. They do not change the meaning of a text and are removed."""
 
 
 def instruction_words(text: str) -> frozenset[str]:
-    """Return the words in a text. Case and Unicode normalization form do not matter."""
+    """Return the words in a text. Differences in case and in Unicode normalization are ignored."""
     return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
 
 
 def is_spaced(word: str) -> bool:
-    """Return whether a text is a word of a script that separates words by spaces, rather than a run of characters."""
+    """Return whether a word belongs to a script that separates words by spaces. Otherwise it is a run of characters."""
     return not _NO_SPACES.search(word)
 
 
 def shown_as(words: Iterable[str], text: str) -> str:
-    """Return the text for words that always occur together, in the order of the instruction.
+    """Return a readable text for words that always occur together, in the order in which an instruction contains them.
 
     Runs of characters are shown in their shortest form, and overlapping runs are merged.
+
+    Args:
+        words: Words that always occur together.
+        text: An instruction that contains the words.
     """
     kept = frozenset(words)
     short = max(2, min((len(word) for word in kept if not is_spaced(word)), default=2))
@@ -57,13 +61,13 @@ def shown_as(words: Iterable[str], text: str) -> str:
 
 
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
-    """Remove character runs that join two words and therefore add no information.
+    """Remove runs of characters that span the border between two words, since they add no information.
 
-    Such a run occurs in exactly the texts that contain both its beginning and its end, each of which occurs in more
-    texts.
+    Such a run occurs in exactly the texts that contain both its beginning and its end, while the beginning and the end
+    each occur in further texts.
 
     Args:
-        where: Texts that contain each word, as one bit per text.
+        where: For each word, an integer whose bits tell which texts contain the word.
     """
 
     def joins(word: str) -> bool:
@@ -79,7 +83,10 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Return whether a character run in one list contains a run in the other list."""
+    """Return whether a word in one list contains, or is contained in, a word in the other list.
+
+    The words are runs of characters in a script without spaces.
+    """
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 
@@ -204,20 +211,21 @@ _BESIDE_PLACES = frozenset(
         "most",
     ]
 )
-"""Words that may accompany place words, but do not name a place themselves."""
+"""Words that may accompany words for places but do not name a place themselves."""
 
 
 def names_a_place(words: Iterable[str]) -> bool:
     """Return whether words that always occur together name a place, such as "left".
 
-    Of character runs, only one must name a place, because overlapping runs contain parts of it.
+    If the words are character runs, it is sufficient that one run names a place, because overlapping runs contain only
+    parts of the name.
     """
     kept = frozenset(words)
     return bool(kept & _PLACES) and {w for w in kept if is_spaced(w)} - _BESIDE_PLACES <= _PLACES
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return the given words that a text contains, in text order, as one string."""
+    """Return the wanted words that a text contains, in the order of the text, joined into one string."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()
@@ -227,13 +235,13 @@ def in_order(text: str, wanted: Iterable[str]) -> str:
 
 
 def places_named(text: str) -> str:
-    """Return the place words in a text, in text order, as one string."""
+    """Return the words for places that a text contains, in the order of the text, joined into one string."""
     return in_order(text, _PLACES)
 
 
 @functools.lru_cache(maxsize=4096)
 def _runs(text: str) -> tuple[tuple[str, bool], ...]:
-    """Split a text into runs, each with a boolean that is True for scripts with spaces."""
+    """Split a text into runs. Each run has a boolean that tells whether its script separates words by spaces."""
     plain = unicodedata.normalize("NFKC", text)
     # NFKC decomposes the Thai and Lao vowel "am" into two characters; restore the single character.
     whole = plain.replace("\u0e4d\u0e32", "\u0e33").replace("\u0ecd\u0eb2", "\u0eb3")
@@ -254,7 +262,7 @@ def _found(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def _kind(character: str, before: str) -> str:
-    """Return the class of a character: a word, a run without spaces, a symbol, or nothing."""
+    """Return the class of a character: "word", "symbol", "unspaced" (script without spaces), or "" for a separator."""
     if _NO_SPACES.match(character):
         return "unspaced"
     match unicodedata.category(character)[0]:

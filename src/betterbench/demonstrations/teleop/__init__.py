@@ -1,1 +1,1 @@
-"""Teleoperation: human demonstrations in the browser, recorded in the same format as any demonstration."""
+"""Teleoperation: human demonstrations in the browser, recorded in the same format as all other demonstrations."""

@@ -16,12 +16,12 @@ from betterbench.sim.scenes import Scene, StoredView
 logger = logging.getLogger(__name__)
 
 LONGEST_RATE_HZ = 10.0
-"""Maximum number of images of a camera per second, which leaves CPU time for the physics."""
+"""Maximum number of images per camera and second. The limit leaves CPU time for the physics."""
 SIZE_PX = 256
 LATE_S = 1.0
-"""Delay above which an image is reported as late [s]."""
+"""Delay from which an image is reported as late [s]."""
 STOP_S = 0.5
-"""Maximum wait for the current image when the thread is closed [s]."""
+"""Maximum time to wait for the current image when the thread is closed [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class _Frame:
 
 
 class CameraThread:
-    """Thread that renders the newest state and drops older ones."""
+    """Thread that renders the newest state of the scene. States that it has no time to render are skipped."""
 
     def __init__(
         self,
@@ -39,7 +39,13 @@ class CameraThread:
         show: Callable[[str, np.ndarray], None],
         complain: Callable[[str], None],
     ) -> None:
-        """Start rendering; ``show`` gets a camera's name and its image, (height, width, 3) uint8."""
+        """Start rendering.
+
+        Args:
+            cameras: Names of the cameras.
+            show: Called with the name of a camera and its image, (height, width, 3) uint8.
+            complain: Called with a message if rendering fails.
+        """
         self._cameras, self._show, self._complain = tuple(cameras), show, complain
         self._newest: _Frame | None = None
         self._wake = threading.Condition()
@@ -50,7 +56,7 @@ class CameraThread:
             self._thread.start()
 
     def look(self, scene: Scene) -> None:
-        """Request images of the current state of a scene."""
+        """Request images of a scene's current state."""
         frame = _Frame(scene, scene.simulator_state()["qpos"].copy())
         with self._wake:
             self._newest = frame
@@ -60,7 +66,7 @@ class CameraThread:
 
     @property
     def late_s(self) -> float:
-        """Delay of the images [s], or 0 if they are in time or none are rendered."""
+        """Age of the newest images [s]. It is 0 if the images are up to date or no images are rendered."""
         since = self._waits_since
         if since is None or not self._thread.is_alive():
             return 0.0
@@ -69,7 +75,7 @@ class CameraThread:
 
     @property
     def is_busy(self) -> bool:
-        """Whether the thread is rendering, or has a state to render."""
+        """Whether the thread is still running."""
         return self._thread.is_alive()
 
     def close(self) -> None:
@@ -97,7 +103,7 @@ class CameraThread:
                         if image is not None:
                             self._show(camera, image)
                 self._waits_since = None
-                # the renderer pauses as long as it rendered, to leave CPU time for the physics and the page
+                # The thread pauses for as long as it rendered, to leave CPU time for the physics and the page.
                 took = time.monotonic() - began
                 time.sleep(max(took, 1.0 / LONGEST_RATE_HZ - took))
         except BetterError as problem:

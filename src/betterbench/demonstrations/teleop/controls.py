@@ -1,7 +1,7 @@
-"""Operator input from browser and devices, collected between control steps; thread-safe.
+"""Operator input from the browser and from devices, collected between two control steps. All methods are thread-safe.
 
 The page that is opened first controls the robot. Other pages only watch until one of them takes over. Input cannot
-block or crash the loop. Unreadable input is reported in one line, and held keys expire unless they are renewed.
+block or crash the control loop: unreadable input is reported in one line, and held keys expire unless they are renewed.
 """
 
 from __future__ import annotations
@@ -18,15 +18,17 @@ from betterbench.errors import BetterError, one_line
 from betterbench.geometry import Pose
 
 Tap = Literal["gripper", "undo", "restart", "save", "discard"]
-"""Actions triggered once by a button or key."""
+"""Actions that a single press of a button or key triggers."""
 TAPS: tuple[str, ...] = get_args(Tap)
 
 HELD_FOR_S = 0.6
-"""Time after which held keys and axes count as released if not renewed [s]; the page renews them every 0.2 s."""
+"""Time after which held keys and axes count as released if the page does not renew them [s]. The page renews them every
+0.2 s.
+"""
 DEAD_ZONE = 0.12
-"""Deflection of an axis below which the input is zero."""
+"""Deflection of an axis up to which the input counts as zero."""
 MOST_TAPS = 32
-"""Maximum number of key presses waiting for a control step; more cannot come from a person and are dropped."""
+"""Maximum number of key presses that wait for a control step. More cannot come from a person and are dropped."""
 
 KEYS: dict[str, tuple[int, float]] = {
     "KeyW": (0, 1.0),
@@ -42,10 +44,12 @@ KEYS: dict[str, tuple[int, float]] = {
     "KeyQ": (5, 1.0),
     "KeyE": (5, -1.0),
 }
-"""Component and sign of each motion key: forward, left, up, roll, pitch and yaw as seen by the viewer."""
+"""Component and sign of the motion that each key causes. The components are forward, left, up, roll, pitch and yaw, as
+seen by the operator.
+"""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 GAMEPAD_TAPS: dict[int, Tap] = {0: "gripper", 1: "undo", 9: "save"}
-"""Actions triggered by the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
+"""Actions that the buttons of a standard gamepad trigger (W3C Gamepad, "standard" mapping)."""
 SLOW = 0.25
 """Speed factor while Shift is held."""
 
@@ -55,12 +59,13 @@ class ControlInput:
     """Input of the operator since the last control step.
 
     Attributes:
-        taps: Buttons and keys, in order.
-        drag: Pose to which the gizmo was dragged, or a leader arm's pose; None without both.
-        is_dragging: Whether the user is still dragging the gizmo.
-        push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the viewer, each in
+        taps: Actions that were triggered by buttons and keys, in order.
+        drag: Pose to which the operator dragged the gizmo (the handle that marks the target pose in the 3-D scene), or
+            pose that the leader arm commands; None if there is neither.
+        is_dragging: Whether the operator is still dragging the gizmo.
+        push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the operator, each in
             [-1, 1].
-        closed: Whether a leader arm's gripper is closed; None without one.
+        closed: Whether the gripper of the leader arm is closed; None without a leader arm.
         driver: Number of the page that controls the robot; None while no page is open.
     """
 
@@ -80,12 +85,12 @@ class _Push:
 
 @dataclass(slots=True)
 class Controls:
-    """Collector of the operator's input; ``take`` is called once per control step."""
+    """Collector of the operator's input. The control loop calls ``take`` once per control step."""
 
     driver: int | None = None
     """Number of the page that controls the robot."""
     problems: list[str] = field(default_factory=list)
-    """Reports of unreadable input, one line each, until they are taken."""
+    """Messages about unreadable input, one line each, which are removed when the control loop takes them."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _pages: list[int] = field(default_factory=list)
     _taps: list[Tap] = field(default_factory=list)
@@ -98,7 +103,7 @@ class Controls:
     _tool: Pose | None = None
 
     def connected(self, page: int) -> bool:
-        """Register a page that was opened, and return whether it controls the robot."""
+        """Register a page that was opened. Return whether this page controls the robot."""
         with self._lock:
             self._pages.append(page)
             if self.driver is None:
@@ -106,7 +111,7 @@ class Controls:
             return self.driver == page
 
     def disconnected(self, page: int) -> bool:
-        """Unregister a page that was closed and release its keys; return whether it controlled the robot."""
+        """Unregister a page that was closed, and release its keys. Return whether this page controlled the robot."""
         with self._lock:
             self._pages = [p for p in self._pages if p != page]
             self._counts.pop(page, None)
@@ -117,14 +122,19 @@ class Controls:
             return drove
 
     def take_over(self, page: int) -> None:
-        """Give control of the robot to another page."""
+        """Give control of the robot to the given page."""
         with self._lock:
             if page in self._pages and page != self.driver:
                 self._let_go()
                 self.driver = page
 
     def tapped(self, page: int | None, tap: Tap) -> bool:
-        """Register a press on a page (None for a device); return False if the page does not control the robot."""
+        """Register the press of a button or key. Return False if it came from a page that does not control the robot.
+
+        Args:
+            page: Number of the page; None for a device.
+            tap: Action that the press triggers.
+        """
         with self._lock:
             if page is not None and page != self.driver:
                 return False
@@ -132,18 +142,30 @@ class Controls:
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
-        """Register the gizmo's pose; return False if the page does not control the robot."""
+        """Register the pose of the gizmo. Return False if the page does not control the robot.
+
+        Args:
+            page: Number of the page.
+            pose: Pose of the gizmo.
+            is_over: Whether the operator has released the gizmo.
+        """
         with self._lock:
             if page != self.driver:
                 return False
             if is_finite(pose):
                 self._drag, self._is_dragging = pose, not is_over
             else:
-                self._tell("the gizmo's pose is not finite and was ignored")
+                self._tell("the pose of the gizmo contains a number that is not finite, so it was ignored")
             return True
 
     def sent(self, page: int, text: str, now_s: float) -> bool:
-        """Process a message from a page; return False for a command if the page does not control the robot."""
+        """Process a message from a page. Return False if it is a command and the page does not control the robot.
+
+        Args:
+            page: Number of the page.
+            text: The message.
+            now_s: Current time [s].
+        """
         try:
             form = read_keys(text)
         except BetterError as problem:
@@ -151,7 +173,7 @@ class Controls:
                 self._tell(str(problem))
             return True
         with self._lock:
-            # taps from before the page controlled the robot are ignored
+            # Presses from before the page controlled the robot are counted, so that they are not executed later.
             known = self._counts.setdefault(page, {})
             made = cast("list[Tap]", new_taps(form, known, TAPS))
             push = _push_of(form)
@@ -162,35 +184,38 @@ class Controls:
             return True
 
     def pushed(self, device: str, values: Sequence[float], now_s: float) -> None:
-        """Register a device's deflection: six numbers in [-1, 1]; non-finite values are ignored."""
+        """Register the deflections of a device's axes, as six numbers in [-1, 1].
+
+        Values that are not finite are ignored.
+        """
         with self._lock:
             if len(values) != 6 or not all(map(math.isfinite, values)):
-                self._tell(f"{device}: a number is not finite and was ignored; the arm does not move")
+                self._tell(f"{device}: its values are not finite, so they were ignored; the arm does not move")
                 self._pushes.pop(device, None)
                 return
             self._pushes[device] = _Push(tuple(calmed(v) for v in values), now_s)
 
     def led(self, pose: Pose, *, closed: bool) -> None:
-        """Register a leader arm's pose; non-finite values are ignored."""
+        """Register the pose that the leader arm commands. Values that are not finite are ignored."""
         with self._lock:
             if is_finite(pose):
                 self._drag, self._closed = pose, closed
             else:
-                self._tell("leader arm: a number is not finite and was ignored; the arm does not move")
+                self._tell("leader arm: its pose is not finite, so it was ignored; the arm does not move")
 
     def complain(self, problem: str) -> None:
-        """Register a problem with a device, in one line."""
+        """Register a problem with a device, as a message of one line."""
         with self._lock:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Restart following the leader arm, relative to the tool's current target."""
+        """Start to follow the leader arm again, from the current target of the robot's tool."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return the number of calls of :meth:`hold_from`, and the tool target of the last call.
+        """Return how often :meth:`hold_from` was called, and the target of the robot's tool in the last call.
 
         The target is None before the first call.
         """
@@ -198,7 +223,7 @@ class Controls:
             return self._grip, self._tool
 
     def take(self, now_s: float) -> ControlInput:
-        """Return the operator's input since the last call."""
+        """Return the input of the operator since the last call, and start to collect new input."""
         with self._lock:
             for device in [d for d, push in self._pushes.items() if now_s - push.at_s > HELD_FOR_S]:
                 del self._pushes[device]
@@ -209,7 +234,7 @@ class Controls:
             return asked
 
     def take_problems(self) -> list[str]:
-        """Return the reports of unreadable input since the last call."""
+        """Return the messages about unreadable input since the last call."""
         with self._lock:
             found, self.problems = self.problems, []
             return found
@@ -225,7 +250,7 @@ class Controls:
 
 
 def calmed(value: float) -> float:
-    """Return a deflection without its dead zone, in [-1, 1]."""
+    """Remove the dead zone from the deflection of a stick, and scale the rest to [-1, 1]."""
     size = max(0.0, min(1.0, abs(value)) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
     return math.copysign(size, value) if size else 0.0
 

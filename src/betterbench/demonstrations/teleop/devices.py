@@ -1,7 +1,7 @@
-"""Gamepads and SpaceMice connected to the machine that runs betterbench, read from the kernel.
+"""Gamepads and SpaceMice that are connected to the machine on which betterbench runs, read from the Linux kernel.
 
-Devices connected to the user's own computer are read by the page. This module implements the Linux input protocol
-(``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
+Devices that are connected to the operator's own computer are read by the browser page. This module implements the Linux
+input protocol (``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from betterbench.errors import InvalidInputError, system_error_text
 DeviceKind = Literal["gamepad", "SpaceMouse"]
 
 EVENT = struct.Struct("llHHi")
-"""Layout of an event: seconds, microseconds, type, code, value."""
+"""Layout of an input event: seconds, microseconds, type, code, value."""
 EV_KEY, EV_REL, EV_ABS = 1, 2, 3
 SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
-"""Default maximum deflection if the kernel does not report it."""
+"""Maximum deflection of the axes, used if the kernel does not report it."""
 RENEW_S = 0.1
-"""Period at which an unchanged deflection is renewed [s], because the kernel reports only changes."""
+"""Period at which an unchanged deflection is sent again [s], since the kernel only reports changes."""
 SPRUNG_S = 0.15
 """Time without an event after which a relative axis counts as released [s]."""
 
@@ -40,7 +40,7 @@ _GAMEPAD_KEY = 0x130  # BTN_SOUTH
 
 _SPACE_MOUSE_AXES = {0: (1, -1.0), 1: (0, -1.0), 2: (2, -1.0), 3: (3, 1.0), 4: (4, -1.0), 5: (5, -1.0)}
 _GAMEPAD_AXES = {0: (1, -1.0), 1: (0, -1.0), 2: (2, -1.0), 3: (5, -1.0), 4: (4, -1.0), 5: (2, 1.0), 16: (3, 1.0)}
-"""Component and sign of each axis; the triggers of a gamepad (2 and 5) rest at their lowest value."""
+"""Component and sign of the motion that each axis causes. The triggers of a gamepad (2 and 5) rest at their minimum."""
 _TRIGGERS = (2, 5)
 _SPACE_MOUSE_KEYS: dict[int, Tap] = {0x100: "gripper", 0x101: "undo"}
 _GAMEPAD_KEYS: dict[int, Tap] = {0x130: "gripper", 0x131: "undo", 0x13B: "save"}
@@ -48,7 +48,7 @@ _GAMEPAD_KEYS: dict[int, Tap] = {0x130: "gripper", 0x131: "undo", 0x13B: "save"}
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Readable input device: its file, name and kind."""
+    """Input device that can be read: its device file, name and kind."""
 
     path: Path
     name: str
@@ -56,7 +56,7 @@ class Device:
 
 
 def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
-    """Return the gamepads and SpaceMice connected to this machine, from the kernel's list of input devices."""
+    """Find the gamepads and SpaceMice that are connected to this machine, in the kernel's list of input devices."""
     found = []
     for entry in sorted(root.glob("event*")):
         about = entry / "device"
@@ -75,13 +75,18 @@ def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
 
 
 def _has_key(words: Sequence[str], key: int) -> bool:
-    """Return whether a bit is set in the words of a capability: 64-bit hexadecimal, most significant word first."""
+    """Return whether a device has the given key.
+
+    Args:
+        words: Bits of all keys as the kernel reports them: 64-bit hexadecimal words, the most significant word first.
+        key: Key code.
+    """
     index = len(words) - 1 - key // 64
     return index >= 0 and bool(int(words[index], 16) >> (key % 64) & 1)
 
 
 class DeviceThread:
-    """Thread that reads one device into the controls until it is closed or unplugged.
+    """Thread that passes the input of one device to the controls until it is closed or the device is unplugged.
 
     Raises InvalidInputError if the device cannot be opened.
     """
@@ -92,7 +97,7 @@ class DeviceThread:
         try:
             self._file = os.open(device.path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as problem:
-            cure = "Join the group with read access (usually input), or give --devices none"
+            cure = "Join the group with read access (usually input), or pass --devices none"
             raise InvalidInputError(str(device.path), problem.strerror or str(problem), cure) from problem
         self._is_over = threading.Event()
         self._values = list(NO_PUSH)
@@ -128,7 +133,7 @@ class DeviceThread:
                 self._controls.complain(f"{self._device.name}: {problem.strerror or system_error_text(problem)}")
 
     def _read(self) -> bytes:
-        """Return the available events; raise OSError if the device was unplugged."""
+        """Return the events that are available. Raise OSError if the device was unplugged."""
         data = os.read(self._file, 64 * EVENT.size)
         if not data:
             raise OSError(None, "it was unplugged")
@@ -154,7 +159,10 @@ class DeviceThread:
         self._values[component] = sign * max(-1.0, min(1.0, share))
 
     def _range(self, code: int, *, is_pad: bool) -> tuple[int, int]:
-        """Return the minimum and maximum of an absolute axis (EVIOCGABS)."""
+        """Return the minimum and the maximum value of an absolute axis (EVIOCGABS).
+
+        If the kernel does not report them, return default values.
+        """
         asked = bytearray(24)
         request = (2 << 30) | (len(asked) << 16) | (ord("E") << 8) | (0x40 + code)
         with contextlib.suppress(OSError):

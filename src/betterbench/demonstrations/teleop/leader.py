@@ -1,8 +1,8 @@
-"""LeRobot leader arm that moves the tool of the simulated arm, read by lerobot's own teleoperator class.
+"""A LeRobot leader arm that moves the tool of the simulated robot. It is read through lerobot's teleoperator class.
 
-If the robot has the same joints as the leader, its tool moves to the pose given by the leader's joint angles. This
-begins when the operator has moved the leader near the robot's pose. For any other robot, the motion of the leader's
-tool since following began, in the leader's base frame, is applied to the robot's tool.
+If the robot has the same joints as the leader arm, the robot's tool takes the pose that the leader's joint angles
+define. It begins to follow once the operator has moved the leader arm near the pose of the robot. For any other robot,
+the motion of the leader's tool in the leader's base frame is added to the initial pose of the robot's tool.
 """
 
 from __future__ import annotations
@@ -28,20 +28,21 @@ from betterbench.interface.actions import SO101_MOTORS
 from betterbench.sim.robots import ArmIK, RobotSpec
 
 LEADERS = ("so101_leader", "so100_leader")
-"""Leader arms with known kinematics."""
+"""Leader arms whose kinematics are known."""
 JOINTS = SO101_MOTORS[:-1]
 SCALE = 1.5
-"""Motion of the robot's tool per unit of motion of the leader's tool, about the ratio of their reaches."""
+"""Motion of the robot's tool per unit of motion of the leader's tool. It is about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
-"""Leader gripper positions (0 closed to 100 open) at which the robot's gripper closes and opens."""
+"""The robot's gripper closes below and opens above these positions of the leader's gripper (0 closed to 100 open)."""
 MEETING_M = 0.05
-"""Maximum distance between the tools of leader and robot at which a robot with the same joints begins to follow [m]."""
+"""A robot with the leader's joints starts to follow when the tools of leader and robot are within this distance [m]."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
-"""Maximum number of consecutive failed readings before the leader is disconnected: half a second."""
+"""Number of consecutive failed readings, i.e. half a second, after which the leader arm is no longer followed."""
 
-# SO-101 joint screws with all joints at zero, new calibration (TheRobotStudio SO-ARM100, so101_new_calib.xml,
-# Apache-2.0): a point on each axis [m], the axis direction, and the resulting position of the gripper's center.
+# Joint axes of the SO-101 with all joints at zero, in the new calibration (TheRobotStudio SO-ARM100,
+# so101_new_calib.xml, Apache-2.0): a point on each axis [m] and its direction. The position of the gripper's center
+# with all joints at zero follows.
 _SCREWS: tuple[tuple[Vector, Vector], ...] = (
     ((0.03884, 0.0, 0.0624), (0.0, 0.0, -1.0)),
     ((0.06923, -0.01828, 0.1166), (0.0, 1.0, 0.0)),
@@ -53,10 +54,13 @@ _TOOL_AT_ZERO: Vector = (0.39136, -0.00001, 0.22647)
 
 
 def leader_tool(degrees: Mapping[str, float]) -> Pose:
-    """Return the pose of an SO-101's tool in its base frame, from its joint angles [degree] by name.
+    """Return the pose of an SO-101's tool in its base frame.
 
     The tool frame is parallel to the base frame if all joints are at zero. Raises InvalidInputError if an angle is
     missing or not finite.
+
+    Args:
+        degrees: Joint angles by joint name [degree].
     """
     pose = Pose()
     for name, (point, axis) in zip(JOINTS, _SCREWS, strict=True):
@@ -66,43 +70,67 @@ def leader_tool(degrees: Mapping[str, float]) -> Pose:
 
 
 class LeaderMotion(Protocol):
-    """Conversion of leader readings to target poses for the robot's tool."""
+    """Conversion of the leader arm's joint angles to target poses for the robot's tool."""
 
     def tool(self, degrees: Mapping[str, float]) -> Pose:
-        """Return the pose of the leader's tool in its base frame, from its joint angles [degree] by name."""
+        """Return the pose of the leader's tool in its base frame.
+
+        Args:
+            degrees: Joint angles of the leader arm by joint name [degree].
+        """
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Start following from here: the robot's ``T_base_tcp``, and the leader's tool."""
+        """Start to follow the leader arm.
+
+        Args:
+            robot: Pose of the robot's tool, ``T_base_tcp``.
+            leader: Pose of the leader's tool.
+        """
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose | None, bool]:
-        """Return the target of the robot's tool, None to stay, and whether its gripper should be closed."""
+        """Return the target of the robot's tool, and whether the robot's gripper should be closed.
+
+        The target is None if the tool should not move.
+
+        Args:
+            leader: Pose of the leader's tool.
+            gripper: Position of the leader's gripper, from 0 (closed) to 100 (open).
+        """
 
 
 class Follower:
-    """Conversion of leader readings to target poses for the robot's tool, relative to the poses at ``take_hold``."""
+    """Relative conversion: the robot's tool repeats the motion that the leader's tool has made since ``take_hold``."""
 
     def __init__(self) -> None:
-        """Prepare; :meth:`take_hold` starts following."""
+        """Create the conversion. Following starts when :meth:`take_hold` is called."""
         self._leader: Pose | None = None
         self._robot = Pose()
         self._closed = False
 
     def tool(self, degrees: Mapping[str, float]) -> Pose:
-        """Return the pose of the leader's tool; see :func:`leader_tool`."""
+        """Return the pose of the leader's tool in its base frame, see :func:`leader_tool`."""
         return leader_tool(degrees)
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Start following from here: the robot's ``T_base_tcp``, and the leader's tool."""
+        """Start to follow the leader arm from the current poses of both tools.
+
+        Args:
+            robot: Pose of the robot's tool, ``T_base_tcp``.
+            leader: Pose of the leader's tool.
+        """
         self._robot, self._leader = robot, leader
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose, bool]:
-        """Return the target of the robot's tool, and whether its gripper should be closed.
+        """Return the target of the robot's tool, and whether the robot's gripper should be closed.
 
-        ``gripper`` is the position of the leader's gripper, 0 closed to 100 open. Raises InvalidInputError
-        before ``take_hold``.
+        Raises InvalidInputError if ``take_hold`` was not called before.
+
+        Args:
+            leader: Pose of the leader's tool.
+            gripper: Position of the leader's gripper, from 0 (closed) to 100 (open).
         """
         if self._leader is None:
-            raise InvalidInputError("leader arm", "take_hold was not called", "Call take_hold first")
+            raise InvalidInputError("leader arm", "it is not followed yet", "Call take_hold before follow")
         there, began = leader.position, self._leader.position
         x, y, z = (r + SCALE * (a - b) for r, a, b in zip(self._robot.position, there, began, strict=True))
         turn = turn_between(self._leader.quaternion, leader.quaternion)
@@ -111,31 +139,35 @@ class Follower:
 
 
 class Mirror:
-    """Conversion for a robot with the leader's joints. Its tool moves to the pose given by the leader's joint angles.
+    """Absolute conversion for a robot with the leader's joints: both tools have the same pose.
 
     The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool. It therefore
-    does not jump at the beginning, and does not return to a pose that was undone.
+    does not jump at the beginning, and after an undo it does not return to the pose that was undone.
     """
 
     def __init__(self, spec: RobotSpec) -> None:
-        """Prepare; :meth:`take_hold` starts the wait for the leader."""
+        """Create the conversion. After :meth:`take_hold`, the robot waits until the leader arm comes near."""
         self._names, self._ik = spec.arm_joints, ArmIK(spec)
         self._robot = Pose()
         self._has_met, self._closed = False, False
 
     def tool(self, degrees: Mapping[str, float]) -> Pose:
-        """Return the pose of the robot's tool at the leader's joint angles; raise InvalidInputError for a bad angle."""
+        """Return the pose that the robot's tool would have at the leader's joint angles.
+
+        Raises InvalidInputError if an angle is missing or not finite.
+        """
         return self._ik.forward(np.array([math.radians(_angle(degrees, name)) for name in self._names]))
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Wait until the leader's tool is near the robot's tool."""
+        """Wait until the leader's tool is near the robot's tool, and follow it from then on."""
         self._robot = robot
         self._has_met = distance(robot.position, leader.position) < MEETING_M
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose | None, bool]:
-        """Return the leader's tool pose once it has been near the robot's, and whether the gripper should be closed.
+        """Return the target of the robot's tool, and whether the robot's gripper should be closed.
 
-        Until then, the target is None and the gripper keeps its state.
+        The target is the pose of the leader's tool. Until the leader's tool has been near the robot's tool, the target
+        is None and the gripper keeps its state.
         """
         if not self._has_met and distance(self._robot.position, leader.position) < MEETING_M:
             self._has_met = True
@@ -146,39 +178,46 @@ class Mirror:
 
 
 def motion_for(spec: RobotSpec) -> LeaderMotion:
-    """Return the conversion for a robot. It is absolute if the robot has the leader's joints, otherwise relative."""
+    """Return the conversion for a robot: absolute if the robot has the leader's joints, otherwise relative."""
     return Mirror(spec) if spec.arm_joints == JOINTS else Follower()
 
 
 def _closed(gripper: float, before: bool) -> bool:
-    """Return whether the gripper should be closed at a position of the leader's, 0 closed to 100 open."""
+    """Return whether the robot's gripper should be closed.
+
+    Args:
+        gripper: Position of the leader's gripper, from 0 (closed) to 100 (open).
+        before: Whether the robot's gripper was closed before.
+    """
     return gripper < CLOSED_BELOW if gripper < CLOSED_BELOW or gripper > OPEN_ABOVE else before
 
 
 def _angle(degrees: Mapping[str, float], name: str) -> float:
-    """Return the angle of a joint [degree]; raise InvalidInputError if it is missing or not finite."""
+    """Return the angle of a joint [degree]. Raise InvalidInputError if it is missing or not finite."""
     angle = degrees.get(name, math.nan)
     if not math.isfinite(angle):
-        raise InvalidInputError("leader arm", f"{name} is {angle}", "Check its cables and its calibration")
+        raise InvalidInputError(
+            "leader arm", f"the angle of {name} is {angle}", "Check the cables and the calibration of the arm"
+        )
     return angle
 
 
 def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - lerobot's Teleoperator
-    """Return a connected teleoperator of lerobot.
+    """Connect to a leader arm, and return lerobot's teleoperator object.
 
     Args:
-        kind: One of :data:`LEADERS`.
+        kind: Kind of leader arm, one of :data:`LEADERS`.
         port: Serial port of the arm.
-        name: Id under which lerobot keeps its calibration.
+        name: Id under which lerobot stores the calibration of the arm.
 
     Raises:
         MissingDependencyError: If lerobot, or a package that it needs for these motors, is not installed.
-        InvalidInputError: If the arm is unknown, cannot be reached, or is not calibrated.
+        InvalidInputError: If the kind of arm is unknown, or the arm cannot be reached or is not calibrated.
     """
     if kind not in LEADERS:
-        raise InvalidInputError("--leader", f"{kind!r} is unknown", f"Use one of {', '.join(LEADERS)}")
+        raise InvalidInputError("--leader", f"{kind!r} is not supported", f"Use one of {', '.join(LEADERS)}")
     if not port:
-        raise InvalidInputError("--leader", "the serial port is missing", "Give --leader-port, such as /dev/ttyACM0")
+        raise InvalidInputError("--leader", "the serial port is missing", "Pass --leader-port, such as /dev/ttyACM0")
     leader = ArmKind("teleoperators", kind, "so_leader")
     options = {"port": port, "id": name, "use_degrees": True}
     made = make_arm(leader, options, what="--leader needs lerobot with its Feetech motors")
@@ -187,23 +226,29 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
     except CalibrationError:
         raise
     except Exception as problem:
-        cure = "Check that it is plugged in and powered, and that --leader-port names it (lerobot-find-port)"
+        cure = "Check that the arm is plugged in and powered, and that --leader-port is its port (lerobot-find-port)"
         raise InvalidInputError("--leader-port", f"{port}: {failure(problem, port)}", cure) from problem
     return made
 
 
 class LeaderThread:
-    """Thread that reads a connected leader into the controls until it is closed or disconnected."""
+    """Thread that passes the poses of a leader arm to the controls until it is closed or the arm is disconnected."""
 
     def __init__(self, leader: Any, controls: Controls, motion: LeaderMotion) -> None:  # noqa: ANN401 - lerobot's
-        """Start reading; ``motion`` converts the readings for the robot."""
+        """Start to read the leader arm.
+
+        Args:
+            leader: Connected teleoperator of lerobot.
+            controls: Receiver of the poses.
+            motion: Conversion of the joint angles to target poses for the robot's tool.
+        """
         self._leader, self._controls, self._motion = leader, controls, motion
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="teleop leader", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop reading and disconnect."""
+        """Stop reading, and disconnect the leader arm."""
         self._is_over.set()
         self._thread.join(timeout=0.3)
         try:
@@ -248,9 +293,11 @@ class LeaderThread:
                 )
 
     def _read(self) -> tuple[Pose, float]:
-        """Return the leader's tool in the frame of its base and its gripper, 0 closed to 100 open."""
+        """Return the pose of the leader's tool in its base frame, and the gripper position (0 closed to 100 open)."""
         read = {name.removesuffix(".pos"): float(v) for name, v in self._leader.get_action().items()}
         gripper = read.get("gripper", math.nan)
         if not math.isfinite(gripper):
-            raise InvalidInputError("leader arm", f"gripper is {gripper}", "Check its cables")
+            raise InvalidInputError(
+                "leader arm", f"the position of the gripper is {gripper}", "Check the cables of the arm"
+            )
         return self._motion.tool(read), gripper

@@ -1,6 +1,6 @@
-"""Access to SO-100 and SO-101 arms through LeRobot's classes: creation, calibration check, reading and closing.
+"""Access to SO-100 and SO-101 arms through LeRobot's classes: connection, calibration check, and reading.
 
-lerobot is optional and is imported when an arm is created. Tested with lerobot 0.4.4 and 0.6.1 on emulated servos
+lerobot is optional and is only imported when an arm is created. Tested with lerobot 0.4.4 and 0.6.1 on emulated servos
 (``tests/real/with_lerobot.py``).
 """
 
@@ -18,21 +18,21 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.installation import missing_packages
 
 RETRIES = 2
-"""Number of retries after a failed request to the motors, because a Feetech bus occasionally loses a packet."""
+"""Number of retries after a failed request to the motors, since a Feetech bus occasionally loses a packet."""
 QUIET_S = 0.06
-"""Time for late answers to arrive after a failed request [s]."""
+"""Time to wait after a failed request, so that a late answer can arrive [s]."""
 
 
 class CalibrationError(InvalidInputError):
-    """Error for a calibration file that is missing, unreadable, or does not match the motors of the arm."""
+    """Raised if a calibration file is missing, unreadable, or does not match the motors of the arm."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmKind:
-    """Kind of arm, as lerobot names it.
+    """Kind of arm, with the names that lerobot uses for it.
 
     Attributes:
-        group: Subpackage of lerobot that contains the arm's class.
+        group: Subpackage of lerobot that contains the class of the arm.
         name: Name of the kind ("so101_follower").
         module: Module of the class within this subpackage.
     """
@@ -43,7 +43,7 @@ class ArmKind:
 
     @property
     def config_class(self) -> str:
-        """Name of lerobot's base class of configurations, at which all kinds are registered."""
+        """Name of lerobot's base class for configurations, in which all kinds of arms are registered."""
         return {"robots": "RobotConfig", "teleoperators": "TeleoperatorConfig"}[self.group]
 
     @property
@@ -52,19 +52,24 @@ class ArmKind:
         return f"make_{self.group.removesuffix('s')}_from_config"
 
     def calibrate_call(self, port: str, name: str) -> str:
-        """Return the command that calibrates an arm."""
+        """Return the shell command that calibrates an arm of this kind.
+
+        Args:
+            port: Serial port of the arm.
+            name: Id under which lerobot stores the calibration of the arm.
+        """
         option = {"robots": "robot", "teleoperators": "teleop"}[self.group]
         return f"lerobot-calibrate --{option}.type={self.name} --{option}.port={port} --{option}.id={name}"
 
 
 def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: Mapping[str, Any] | None = None) -> Any:  # noqa: ANN401 - lerobot's class
-    """Create an arm of lerobot without opening a connection.
+    """Create lerobot's object for an arm, without opening a connection.
 
     Args:
-        kind: Its kind.
-        options: Options of its configuration, with ``id``.
+        kind: Kind of the arm.
+        options: Options of the configuration, including ``id``.
         what: Beginning of the error message if lerobot is not installed.
-        cameras: Options of lerobot's OpenCV cameras by name, for a robot.
+        cameras: Options of lerobot's OpenCV cameras by camera name, for a robot.
 
     Raises:
         MissingDependencyError: If lerobot, or a package that it needs for these motors, is not installed.
@@ -98,11 +103,11 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
             raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
         call = kind.calibrate_call(str(options["port"]), str(options["id"]))
         told = f"not a calibration of lerobot ({one_line(problem)})"
-        raise CalibrationError(str(file), told, f"Move the file away, then run {call}") from problem
+        raise CalibrationError(str(file), told, f"Rename or delete the file, then run {call}") from problem
 
 
 def _calibration_file(kind: ArmKind, module: Any, name: str) -> Path | None:  # noqa: ANN401 - a module of lerobot
-    """Return the path of lerobot's calibration file of an arm, or None if the class of the arm is not found."""
+    """Return the path of lerobot's calibration file for an arm. Return None if lerobot has no class for the arm."""
     words = kind.name.split("_")  # so101_follower: SO101Follower
     made = getattr(module, f"{words[0].upper()}{words[1].title()}", None)
     if made is None:
@@ -112,12 +117,12 @@ def _calibration_file(kind: ArmKind, module: Any, name: str) -> Path | None:  # 
 
 
 def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
-    """Compare the calibration file of an arm with the motors, using a temporary connection.
+    """Check that the calibration file of an arm matches its motors, using a temporary connection.
 
     lerobot's ``connect`` is not used here, because it enables the torque even if the robot is not calibrated.
 
     Raises:
-        CalibrationError: If there is no file, or the motors have other values.
+        CalibrationError: If there is no calibration file, or its values differ from those in the motors.
         OSError, RuntimeError: If the motors do not answer.
     """
     call = kind.calibrate_call(port, str(arm.id))
@@ -126,7 +131,7 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
         raise CalibrationError(f"{kind.name} {arm.id!r}", f"not calibrated: there is no {file}", f"Run {call}")
     for motor, kept in arm.calibration.items():
         if kept.range_min >= kept.range_max:
-            told = f"{motor} has no range ({kept.range_min} to {kept.range_max})"
+            told = f"the range of {motor} is empty ({kept.range_min} to {kept.range_max})"
             raise CalibrationError(str(file), told, f"Run {call}")
     try:
         arm.bus.connect()
@@ -144,17 +149,19 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
     if differing:
         raise CalibrationError(
             f"{kind.name} {arm.id!r}",
-            f"not calibrated: {', '.join(differing)} of this arm and {file} differ",
-            f"Give the id of this arm, or run {call} (pressing Enter there writes the file to the motors)",
+            f"not calibrated: the motors {', '.join(differing)} have other values than {file}",
+            f"Use the id of this arm, or run {call} and press Enter, which writes the values in the file to the motors",
         )
 
 
 def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
-    """Check the calibration of an arm and connect it, with retries, because lerobot does not repeat a failed request.
+    """Check the calibration of an arm, and connect to the arm.
+
+    Requests to the motors that fail are repeated, since lerobot does not repeat them.
 
     Raises:
         CalibrationError: If the calibration is missing or does not match the motors.
-        Exception: Any error of lerobot; all connections are then closed.
+        Exception: Any error that lerobot raises. All connections are then closed.
     """
     for left in reversed(range(RETRIES + 1)):
         try:
@@ -172,11 +179,12 @@ def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - l
 
 
 def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
-    """Close the open connections of an arm, without changing its torque.
+    """Close all open connections of an arm without changing its torque.
 
-    lerobot's own disconnect does nothing if the bus or a camera is not connected.
+    lerobot's own method ``disconnect`` is not used, because it does nothing if the bus or one of the cameras is not
+    connected.
     """
-    with contextlib.suppress(Exception):  # of an arm that was unplugged, or not connected
+    with contextlib.suppress(Exception):  # the arm may have been unplugged, or was never connected
         arm.bus.disconnect(disable_torque=False)
     for camera in getattr(arm, "cameras", {}).values():
         with contextlib.suppress(Exception):
@@ -184,10 +192,11 @@ def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
 
 
 def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
-    """Discard unread data in the port, before a request.
+    """Discard data in the serial port that have not been read. Call this before each request.
 
-    An answer does not identify its request. A late answer would be read as the answer to the next request, and all
-    following answers would be shifted too. Loads would then be read as positions, for example.
+    The answer of a motor does not tell to which request it belongs. A late answer would be taken for the answer to the
+    next request, and all following answers would be shifted by one. Motor loads could then be read as positions, for
+    example.
     """
     port = bus.port_handler
     port.is_using = False  # remains set after a request that raised an error, and would block all later requests
@@ -195,7 +204,10 @@ def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
 
 
 def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str, float]:  # noqa: ANN401 - FeetechMotorsBus
-    """Return a register of all motors by name, with retries. Raises the errors of lerobot and pyserial."""
+    """Read a register of all motors, with retries. Return its value for each motor, by motor name.
+
+    Raises the errors of lerobot and pyserial.
+    """
     failures = 0
     while True:
         clear_port(bus)
@@ -207,13 +219,13 @@ def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str,
             if failures > RETRIES:
                 raise
         else:
-            if failures:  # this may be the late answer to the first request; the second answer may still arrive
+            if failures:  # this may be the late answer to the first request, so another answer may still arrive
                 time.sleep(QUIET_S)
             return found
 
 
 def failure(problem: Exception, port: str) -> str:
-    """Return an error message of lerobot about motors, in one line and without its lists of all motors."""
+    """Return lerobot's error message about motors in one line, leaving out its long lists of all motors."""
     if not Path(port).exists():
         return f"there is no {port}"
     return one_line(str(problem).partition("\nFull expected motor list")[0]).rstrip(" .")

@@ -1,4 +1,7 @@
-"""Preparation of the next session. It takes seconds and runs directly, or in a thread while the loop continues."""
+"""Preparation of the next teleoperation session.
+
+The preparation takes several seconds. It can run in a thread, so that the control loop is not blocked.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ from betterbench.demonstrations.teleop.session import TeleopSession
 
 
 class SessionLoader:
-    """Loader that makes one session at a time.
+    """Loader that prepares one session at a time.
 
-    With ``apart``, a session is made in a separate thread, which is abandoned when the command ends.
+    If ``apart`` is True, sessions are prepared in a separate thread, which is abandoned when the command ends.
     """
 
     def __init__(self, make: Callable[[Start], TeleopSession], *, apart: bool = False) -> None:
@@ -23,11 +26,14 @@ class SessionLoader:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a session is being created."""
+        """Whether a session is being prepared."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:
-        """Begin to create the session for an initial state. The previous session must have been taken."""
+        """Begin to prepare the session for an initial state.
+
+        The session prepared before must have been fetched with ``take``.
+        """
         if not self._apart:
             self._made = self._make(start)
             return
@@ -35,7 +41,7 @@ class SessionLoader:
         self._thread.start()
 
     def take(self) -> TeleopSession | None:
-        """Return the finished session, or None while it is being created; raise the error if creating it failed."""
+        """Return the prepared session, or None while it is not ready. If the preparation failed, raise its error."""
         if self.is_busy:
             return None
         self._thread = None

@@ -1,8 +1,8 @@
-"""Browser page with 3-D scene, gizmo, panel and camera images.
+"""Browser page with the 3-D scene, the gizmo, the control panel and camera images.
 
-viser only serves the page, and the page connects only to this process. Input goes into the
-:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither side waits
-for the other.
+The page is served by viser and connects only to this process. Input goes into
+:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the control loop. Neither of
+the two waits for the other.
 """
 
 from __future__ import annotations
@@ -26,30 +26,33 @@ GIZMO = "/tool"
 GIZMO_M = 0.20
 """Length of the gizmo's arrows [m]."""
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
-"""Initial position and target of the view [m], behind the robot's right shoulder, so that "forward" points away from
-the viewer."""
+"""Initial position and target of the camera [m]. It looks over the robot's right shoulder, so that "forward" points
+away from the operator.
+"""
 PANEL_PX, IMAGES_PX = 380, 300
 TOLD_EVERY_S = 3.0
-"""Minimum interval between notices to a page that does not control the robot [s]."""
+"""Minimum time between two notices on a page that does not control the robot [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanelState:
-    """Content of the panel; only changes are sent to the page.
+    """Content of the control panel. Only changes are sent to the page.
 
     Attributes:
-        title: Headline: the demonstration, and the number of saved ones.
+        title: Headline with the demonstration and the number of saved demonstrations.
+        instruction: Instruction of the demonstration.
         subgoals: Text of each subgoal, and whether it is done.
-        share: Share of the episode's steps that have been used.
-        status: Episode state, in a few words.
-        tone: "go", "wait", "good" or "bad": the color of the status.
-        notice: Reason why the tool cannot follow or a request failed; empty otherwise.
-        said: The last messages, newest last.
-        undo_to: Name of the moment to which an undo returns.
+        share: Fraction of the step limit that has been used.
+        clock: Elapsed time and time limit, as text.
+        status: State of the episode, in a few words.
+        tone: Color of the status: "go", "wait", "good" or "bad".
+        notice: Reason why the tool cannot follow or a request failed; "" if there is none.
+        said: The most recent messages, the newest last.
+        undo_to: Name of the moment to which an undo would return.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
-        height: Height of the tool above the table, in words; "" if there is none.
-        images: Note that camera images are late; "" if they are on time.
+        height: Text with the height of the tool above the table; "" if no episode is loaded.
+        images: Note that the camera images are late; "" if they are in time.
     """
 
     title: str
@@ -69,14 +72,14 @@ class PanelState:
 
 
 class Page:
-    """A viser server with the page of a teleoperation."""
+    """Server of the teleoperation page, which uses viser."""
 
     def __init__(self, controls: Controls, *, host: str, port: int, cameras: Sequence[str]) -> None:
-        """Listen, and build the page.
+        """Start the server, and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.
-            InvalidInputError: If the port is taken.
+            InvalidInputError: If the port is already in use.
         """
         self._controls = controls
         self._page = PageServer(host=host, port=port, verb="better teleop", complain=controls.complain)
@@ -95,12 +98,15 @@ class Page:
 
     @property
     def url(self) -> str:
-        """The page address, with its token."""
+        """Address of the page, including the token that grants access."""
         return self._page.url
 
     @property
     def view_yaw(self) -> float:
-        """Viewing direction of the controlling page [rad], seen from above; 0 points away from the robot's base."""
+        """Viewing direction on the page that controls the robot, seen from above [rad].
+
+        The value is 0 if the view is directed away from the robot's base.
+        """
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:
             return 0.0
@@ -111,20 +117,20 @@ class Page:
 
     @property
     def speed(self) -> float:
-        """Speed factor of the slider, within its limits."""
+        """Speed set by the slider, as a fraction of the full speed."""
         return max(SLOWEST, min(1.0, float(self._speed.value) / 100.0))
 
     def close(self) -> None:
-        """Close all connections and stop listening, see :meth:`~betterbench.browser.server.PageServer.close`."""
+        """Close all connections and stop the server, see :meth:`~betterbench.browser.server.PageServer.close`."""
         self._page.close()
 
     @property
     def is_busy(self) -> bool:
-        """Whether the session still waits for a page to close."""
+        """Whether the server is still waiting for a page to close."""
         return self._page.is_busy
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
-        """Show another scene's bodies, given as GLB by index."""
+        """Show the bodies of another scene, given as the content of a GLB file for each body index."""
         with self._server.atomic():
             for node in self._bodies.values():
                 node.remove()
@@ -132,9 +138,12 @@ class Page:
             self._bodies = {n: self._server.scene.add_glb(f"/bodies/{n}", data) for n, data in files.items()}
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo.
+        """Show the poses of the bodies and of the gizmo.
 
-        With ``None``, the gizmo keeps the dragged pose.
+        Args:
+            positions: (n, 3) positions of the bodies [m].
+            quaternions: (n, 4) orientations of the bodies.
+            gizmo: Pose of the gizmo; None if the operator is dragging it.
         """
         with self._server.atomic():
             for number, node in self._bodies.items():
@@ -147,7 +156,7 @@ class Page:
             self._gizmo_at = gizmo
 
     def show(self, shown: PanelState) -> None:
-        """Show the panel."""
+        """Show the given content in the panel."""
         if shown == self._shown:
             return
         before, self._shown = self._shown, shown
@@ -164,7 +173,7 @@ class Page:
             self._save.disabled = not shown.can_save
 
     def show_image(self, camera: str, image: np.ndarray) -> None:
-        """Show a camera's image, (height, width, 3) uint8; called by the thread that renders."""
+        """Show the image of a camera, (height, width, 3) uint8. Called by the thread that renders."""
         self._images[camera].image = image
 
     def _connected(self, client: Any) -> None:  # noqa: ANN401 - viser's
@@ -176,7 +185,10 @@ class Page:
         self._controls.disconnected(client.client_id)
 
     def _tell(self, page: int, *, again: bool = False) -> None:
-        """Tell a page that it does not control the robot, at most once per interval."""
+        """Tell the operator of a page that it does not control the robot.
+
+        The message appears at most once per interval.
+        """
         now = time.monotonic()
         client = self._server.get_clients().get(page)
         if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):
@@ -271,7 +283,7 @@ _COLORS = {"go": "#2e86de", "wait": "#8395a7", "good": "#20bf6b", "bad": "#eb3b5
 
 
 def _head(shown: PanelState) -> str:
-    """Return the upper part of the panel, with the instruction and the subgoal states."""
+    """Return the upper part of the panel as HTML, with the instruction and the state of each subgoal."""
     rows = "".join(
         f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
         f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"
@@ -285,7 +297,7 @@ def _head(shown: PanelState) -> str:
 
 
 def _foot(shown: PanelState) -> str:
-    """Return the lower part of the panel, with the status and the messages."""
+    """Return the lower part of the panel as HTML, with the status and the messages."""
     color = _COLORS[shown.tone]
     notice = markup_text(shown.notice)
     said = "".join(f'<div style="opacity:.7">{markup_text(line)}</div>' for line in shown.said)

@@ -1,8 +1,11 @@
-"""Teleoperated episode. It turns operator commands into states, independently of clock, browser and devices.
+"""Teleoperated episode.
 
-Commands use the same action space as any policy, so the record is an ordinary one. The session stores the complete
-state at the start and whenever a subgoal has been reached. Undo returns to the last of these moments and drops
-everything after it, as if the undone steps had never happened.
+It turns the operator's commands into states of the scene, and does not depend on the clock, the browser or the input
+devices.
+
+Commands use the same action space as policies, so the record has the same format as that of any other episode. The
+session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the last of
+these moments and removes all later steps from the record.
 """
 
 from __future__ import annotations
@@ -25,27 +28,28 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.relations import arm_still
 
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
-"""Distance from its target within which the commanded pose counts as arrived [m, rad]."""
+"""The commanded pose counts as arrived within this distance [m] and this angle [rad] of its target."""
 RESTING_M_S = 0.01
 """Speed below which an object counts as at rest while the session waits for the operator [m/s]."""
 FINGERS_STILL_M = 0.0005
-"""Change in opening width per control step below which the fingers count as still [m]."""
+"""Change of the opening width per control step below which the fingers count as still [m]."""
 STUCK_M = 0.035
-"""Distance between the tool and its goal at which the arm is considered stuck [m]; the controller allows 0.05."""
+"""Distance between the tool and its goal from which the arm may be stuck [m]. The controller allows a distance of 0.05.
+"""
 STUCK_STEPS = 10
-"""Number of control steps at this distance after which the arm is considered stuck: 0.5 s."""
+"""Number of control steps at this distance after which the arm counts as stuck (0.5 s)."""
 SAME_MOMENT_STEPS = 20
-"""Number of control steps within which reaching the same subgoals again creates no new undo moment: 1 s."""
+"""If the same subgoals are reached again within this number of control steps (1 s), no new undo moment is stored."""
 
 SessionPhase = Literal["going", "success", "step_limit"]
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command of the operator at one control step.
+    """Command of the operator in one control step.
 
     Attributes:
-        target: Target pose of the tool center point, in the base frame; None to keep the current one.
+        target: Target pose of the tool center point in the base frame; None to keep the current target.
         closed: Whether the gripper should be closed.
         speed: Fraction of the expert's full speed.
     """
@@ -57,7 +61,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return, with the number of rows and the complete state of scene and steering."""
+    """Moment to which an undo can return: number of rows in the record, and complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -69,7 +73,7 @@ class _Moment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
-    """One row of the future record."""
+    """Row of the record that will be written."""
 
     state: WorldState
     truth: Truth
@@ -79,12 +83,13 @@ class _Row:
 
 
 class TeleopSession:
-    """One episode in one scene, driven by an operator."""
+    """One episode in one scene, controlled by an operator."""
 
     def __init__(self, scene: Scene) -> None:
-        """Set the scene to the start of its trial; raise PremiseError if it contradicts the instruction's premise.
+        """Reset the scene to the initial state of its trial.
 
-        The scene should be new: earlier episodes in it can change the last bits of its contact forces.
+        The scene should be new, because earlier episodes in the scene can change the last bits of its contact forces.
+        Raises PremiseError if the initial state contradicts the premise of the instruction.
         """
         self.scene = scene
         self.reach = Reach.of(scene.compiled.robot)
@@ -103,33 +108,33 @@ class TeleopSession:
 
     @property
     def state(self) -> WorldState:
-        """The current state."""
+        """The current state of the scene."""
         return self._rows[-1].state
 
     @property
     def truth(self) -> Truth:
-        """Ground truth of the present state."""
+        """Ground truth about the goal in the current state."""
         return self._rows[-1].truth
 
     @property
     def steps(self) -> int:
-        """Number of control steps, without undone steps."""
+        """Number of control steps so far, without undone steps."""
         return len(self._rows) - 1
 
     @property
     def phase(self) -> SessionPhase:
-        """Current phase of the episode, which ends on success or at the step limit."""
+        """Phase of the episode, which ends on success or at the step limit."""
         if self.truth.success:
             return "success"
         return "step_limit" if self.steps >= self.limit else "going"
 
     @property
     def undo_to(self) -> str:
-        """Name of the moment to which an undo would return ("the start", "place_mug")."""
+        """Name of the moment to which an undo would return, such as "the start" or "place_mug"."""
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
-        """Whether a step would leave the state unchanged, because the arm is at its goal and the scene is at rest."""
+        """Whether a step would leave the state unchanged. The arm is then at its goal, and all objects are at rest."""
         state, truth = self.state, self.truth
         fingers = [row.state.finger_width_m for row in self._rows[-2:]]
         if max(fingers) - min(fingers) > FINGERS_STILL_M or truth.goal or not arm_still(state):
@@ -144,13 +149,15 @@ class TeleopSession:
         )
 
     def step(self, command: Command) -> WorldState:
-        """Take one control step and return the state after it; nothing happens once the episode has ended.
+        """Take one control step, and return the state after it.
 
-        Raises InvalidInputError if a number of the command is not finite; the session is then unchanged.
+        If the episode has already ended, the state does not change.
+
+        Raises InvalidInputError if a number in the command is not finite. The session is then unchanged.
         """
         if (command.target is not None and not is_finite(command.target)) or not np.isfinite(command.speed):
             raise InvalidInputError(
-                "command", "its pose is not finite, so the arm does not move", "Send finite numbers"
+                "command", "it contains a number that is not finite, so the arm does not move", "Send finite numbers"
             )
         if self.phase != "going":
             return self.state
@@ -171,9 +178,10 @@ class TeleopSession:
         return state
 
     def undo(self) -> str:
-        """Return to the last moment at which a subgoal was reached, or to the initial state. Return the moment's name.
+        """Return to the last moment at which a subgoal was reached, or to the initial state.
 
-        If nothing has happened since this moment, return to the moment before.
+        If nothing has happened since this moment, return to the moment before it. The returned value is the name of the
+        moment.
         """
         moment = self._last_moment()
         self._moments = self._moments[: self._moments.index(moment) + 1]
@@ -181,14 +189,18 @@ class TeleopSession:
         return moment.name
 
     def restart(self) -> None:
-        """Return to the initial state."""
+        """Return to the initial state of the episode."""
         self._moments = self._moments[:1]
         self._come_back(self._moments[0])
 
     def record(self, name: str) -> Record:
-        """Return the episode record so far, demonstrated by ``name``; raise InvalidInputError for an invalid name.
+        """Return the record of the episode so far. Its subgoal segments are not set yet.
 
-        Its segments are not set yet.
+        Args:
+            name: Name of the demonstrator.
+
+        Raises:
+            InvalidInputError: If the name is invalid.
         """
         demonstrator = Demonstrator("teleoperated", name, {"speed": self._speed()})
         context = TrialContext(TELEOPERATED, demonstrator=demonstrator)
@@ -215,10 +227,10 @@ class TeleopSession:
         return builder.finish(termination=termination, success=success, error=error, clipped_actions=clipped)
 
     def finished(self, name: str) -> DemonstrationAttempt:
-        """Return the record with its segments, and whether it meets all conditions for a demonstration set.
+        """Return the record with its subgoal segments, and decide whether it can be used as a demonstration.
 
-        For this check, the scene is simulated a little further without recording, and then reset to its state. Raises
-        the errors of :meth:`record`.
+        For this check, the simulation continues for a few steps that are not recorded, and the scene is then restored.
+        Raises the same errors as :meth:`record`.
         """
         record = self.record(name)
         if self.phase != "success":
@@ -231,7 +243,7 @@ class TeleopSession:
             self.scene.restore(here)
 
     def _speed(self) -> float:
-        """Return the speed of the moving tool (90th percentile) as a fraction of the expert's free speed."""
+        """Return the 90th percentile of the moving tool's speed, as a fraction of the expert's speed in free motion."""
         at = np.array([row.state.ee_pose.position for row in self._rows])
         speeds = np.linalg.norm(np.diff(at, axis=0), axis=1) / self._period_s
         moving = speeds[speeds > RESTING_M_S]
@@ -262,7 +274,7 @@ class TeleopSession:
         return _Moment(len(self._rows), done, name, self.scene.snapshot(), self._steering, self._stuck_for)
 
     def _last_moment(self) -> _Moment:
-        """Return the last moment after which something has happened, or the moment of the initial state."""
+        """Return the last stored moment after which at least one step was taken, or the moment of the initial state."""
         return next((m for m in reversed(self._moments) if m.rows < len(self._rows)), self._moments[0])
 
     def _come_back(self, moment: _Moment) -> None:

@@ -1,7 +1,8 @@
-"""Teleoperation loop. It reads the input, steps the session and shows the result at the control rate.
+"""Teleoperation loop: reads the input, steps the session and shows the result at the control rate.
 
-The loop never blocks. The episode pauses while no page is open. It also pauses while the operator gives no command and
-all objects are at rest. The record gets no rows during a pause, so a demonstration contains no thinking time.
+The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and all objects
+are at rest. No rows are recorded during a pause, so the demonstration does not contain the time in which the operator
+thinks.
 """
 
 from __future__ import annotations
@@ -29,37 +30,39 @@ from betterbench.geometry import Pose, distance, from_axis_angle, multiply, norm
 from betterbench.sim.scenes.glb import body_files
 
 PUSH_M_S, PUSH_RAD_S = 0.30, 1.2
-"""Speed of a pushed target at full deflection and full speed [m/s, rad/s]."""
+"""Speed of the target at full deflection of a key, stick or SpaceMouse and at full speed of the slider [m/s, rad/s]."""
 PUSH_LEAD_M = 0.06
-"""Maximum distance of a pushed target from the tool [m], so that the tool stops soon after a key is released."""
+"""Maximum distance of the target from the tool while keys or a stick move it [m]. The tool thus stops soon after a key
+is released.
+"""
 WAIT_STEPS = 10
-"""Control steps without a command and without motion after which the episode pauses: 0.5 s."""
+"""Number of control steps without a command and without motion after which the episode pauses (0.5 s)."""
 SAID_LINES = 3
 
 
 class Display(Protocol):
-    """Display for a teleoperation session, such as the page in the browser."""
+    """Display of a teleoperation session, such as the page in the browser."""
 
     @property
     def view_yaw(self) -> float:
-        """Viewing direction of the operator [rad]."""
+        """Viewing direction of the operator, seen from above [rad]."""
 
     @property
     def speed(self) -> float:
-        """Requested fraction of the full speed."""
+        """Speed that the operator requests, as a fraction of the full speed."""
 
     def show_scene(self, files: dict[int, bytes]) -> None:
-        """Show another scene."""
+        """Show another scene, given as the content of a GLB file for each body index."""
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show the poses of all bodies."""
+        """Show the poses of all bodies and of the gizmo."""
 
     def show(self, shown: PanelState) -> None:
-        """Show the panel."""
+        """Show the given content in the panel."""
 
 
 class Station:
-    """Teleoperation by one person, with the demonstrations saved in one store."""
+    """Teleoperation by one operator, whose demonstrations are saved in one store."""
 
     def __init__(
         self,
@@ -71,15 +74,16 @@ class Station:
         cameras: CameraThread | None = None,
         loads_apart: bool = False,
     ) -> None:
-        """Prepare the first start that is due.
+        """Prepare the first initial state that is to be demonstrated.
 
         Args:
             store: Store of the demonstrations.
             controls: Input of the operator.
-            display: Output.
-            name: Demonstrator name.
-            cameras: Renderer of the live images.
-            loads_apart: Make scenes in a thread, which lets the loop continue and end at any time.
+            display: Display for the operator.
+            name: Name of the demonstrator.
+            cameras: Renderer of the live camera images.
+            loads_apart: Whether scenes are created in a separate thread, so that the loop continues and can be ended at
+                any time.
         """
         self._loader = SessionLoader(lambda start: TeleopSession(store.scene(start)), apart=loads_apart)
         self._store, self._controls, self._display, self._cameras = store, controls, display, cameras
@@ -104,7 +108,7 @@ class Station:
 
     @property
     def is_done(self) -> bool:
-        """Whether every requested demonstration is saved."""
+        """Whether every planned demonstration is saved."""
         return self.start is None
 
     @property
@@ -114,11 +118,11 @@ class Station:
 
     @property
     def is_loading(self) -> bool:
-        """Whether the start scene is being created."""
+        """Whether the scene of the next demonstration is being created."""
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
-        """Run until the event is set, without catching up on late steps."""
+        """Run the loop until the event is set. Control steps that are missed because the loop is late are skipped."""
         period = 0.05 if self.session is None else 1.0 / self.session.scene.control_rate_hz
         due = time.monotonic()
         while not stopped.is_set():
@@ -141,9 +145,9 @@ class Station:
         self._show(asked)
 
     def _obey(self, taps: Sequence[Tap]) -> None:
-        """Execute taps up to the first tap that changes the initial scene.
+        """Execute button and key presses up to the first press that changes the scene.
 
-        Later taps, made in the old scene, are dropped.
+        Later presses are ignored, because they were made while the old scene was shown.
         """
         for tap in taps:
             before = self._starts
@@ -178,7 +182,7 @@ class Station:
             self._judge(session)
 
     def _pushed(self, session: TeleopSession, push: tuple[float, ...]) -> Pose:
-        """Return the target displaced by one control step of key or stick input, relative to the operator's view."""
+        """Move the target by one control step of key or stick input, relative to the operator's view."""
         state, period = session.state, 1.0 / session.scene.control_rate_hz
         base = self._target or state.commanded_pose
         if distance(base.position, state.ee_pose.position) > PUSH_LEAD_M:
@@ -202,7 +206,7 @@ class Station:
         to = self.session.undo()
         self._undone += before - self.session.steps
         self._let_go(self.session)
-        self._say(f"undone to {to}: {before - self.session.steps} steps removed")
+        self._say(f"returned to {to}; {before - self.session.steps} steps were removed")
 
     def _restart(self) -> None:
         if self.session is None:
@@ -235,18 +239,18 @@ class Station:
         try:
             path = self._store.save(start, session.scene, found, wall)
         except (StorageError, OSError) as problem:
-            self._say(f"not saved, but not lost: {problem} Then press Save again.")
+            self._say(f"not saved yet: {problem} Then press Save again; the demonstration is kept until then.")
             return
         self._say(f"saved {path.relative_to(self._store.run.path)}")
         self._begin_next()
 
     def _judge(self, session: TeleopSession) -> None:
-        """Check an episode that has ended."""
+        """Check whether an episode that has ended can be saved, and tell the operator."""
         self._found = session.finished(self._name)
         if session.phase == "step_limit":
-            self._say("the step limit is reached: undo, or reset")
+            self._say("the step limit is reached; undo some steps, or reset to the start")
         elif self._found.note.failure:
-            kept = "it can be saved, with this note" if can_keep(self._found) else "undo, and do it again"
+            kept = "it can be saved with this note" if can_keep(self._found) else "undo some steps and try again"
             self._say(f"{self._found.note.failure}: {self._found.note.reason} ({kept})")
 
     def _begin_next(self) -> None:
@@ -263,7 +267,7 @@ class Station:
         self._receive()
 
     def _receive(self) -> None:
-        """Switch to a finished session; commands given in the meantime are dropped."""
+        """Switch to a session that has been prepared. Commands that arrived during the preparation are ignored."""
         session = self._loader.take()
         if session is None:
             return
@@ -272,7 +276,10 @@ class Station:
         self._display.show_scene(body_files(session.scene.model))
 
     def _let_go(self, session: TeleopSession) -> None:
-        """Reset the command, with the gripper as in the state."""
+        """After the state has changed, e.g. by an undo, discard the operator's target and reset the gripper command.
+
+        The gripper command is set to that of the new state.
+        """
         self._found = None
         self._target = None
         self._closed = session.state.gripper_command > 0.0
@@ -321,7 +328,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return a note that the camera images are late, or an empty string if they are not."""
+        """Return a note that the camera images are late, or "" if they are in time."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

@@ -1,4 +1,7 @@
-"""Steering: the action of one control step toward a tool target, within reach and at a limited speed."""
+"""Steering: computation of the action that moves the tool toward a target in one control step.
+
+The target is limited to the reach of the robot, and the speed of the tool is limited.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +16,20 @@ from betterbench.sim.robots import RobotSpec
 from betterbench.sim.robots.spec import SteeringLimits
 
 LOWEST_TIP_M = 0.002
-"""Minimum height of the fingertips above the table that the operator can command [m]."""
+"""Lowest height of the fingertips above the table that the operator can command [m]."""
 SLOWEST = 0.1
-"""Minimum fraction of the full speed."""
+"""Lowest speed, as a fraction of the full speed."""
 OUT_OF_REACH = "out of reach: the arm moves as far as it can"
 IN_THE_TABLE = "below the table: the fingers stop above it"
 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Limits of the poses to which a robot's tool may be sent.
+    """Limits on the poses to which the tool of a robot may be sent.
 
     Attributes:
-        limits: Limits of the robot.
-        lowest_m: Minimum height of the tool center point above the table with the tool pointing down [m].
+        limits: Limits of the robot's workspace.
+        lowest_m: Minimum height of the tool center point above the table when the tool points down [m].
     """
 
     limits: SteeringLimits
@@ -34,11 +37,14 @@ class Reach:
 
     @classmethod
     def of(cls, spec: RobotSpec) -> Reach:
-        """Return the reach of a robot."""
+        """Return the limits for a robot."""
         return cls(spec.steering, spec.tip_below_tcp_m + LOWEST_TIP_M)
 
     def within(self, wanted: Pose) -> tuple[Pose, str]:
-        """Return the nearest allowed pose, and the reason for a difference ("" if there is none)."""
+        """Return the pose within the limits that is nearest to the wanted pose.
+
+        The second returned value is the reason why the two poses differ, or "" if they are equal.
+        """
         position, why, limits = np.array(wanted.position), "", self.limits
         if position[2] < self.lowest_m:
             position[2], why = self.lowest_m, IN_THE_TABLE
@@ -62,17 +68,18 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """Steering state between control steps, which is the current speed of the commanded pose [m/s]."""
+    """Steering state between two control steps: the current speed of the commanded pose [m/s]."""
 
     speed_m_s: float = 0.0
 
     def toward(
         self, now: Pose, wanted: Pose, gripper: float, *, share: float, period_s: float
     ) -> tuple[Steering, np.ndarray]:
-        """Return the next state and the ``ee_delta`` action, (7,), that moves the commanded pose toward a target.
+        """Return the next steering state, and the action that moves the commanded pose toward a target.
 
-        Translation and rotation arrive together. The speed changes with the acceleration of the expert's free motion. A
-        moved target is followed immediately, because only the speed of the commanded pose is limited.
+        The action is in the ``ee_delta`` action space, as an array of shape (7,). Translation and rotation reach the
+        target at the same time. The speed changes with the acceleration of the expert's free motion. A moving target is
+        followed without delay, since the limits apply only to the speed of the commanded pose.
 
         Args:
             now: Commanded pose.
@@ -93,11 +100,11 @@ class Steering:
 
 
 def is_finite(pose: Pose) -> bool:
-    """Return whether all numbers in a pose are finite and its quaternion is a rotation."""
+    """Return whether all numbers in a pose are finite and its quaternion is not zero."""
     numbers = (*pose.position, *pose.quaternion)
     return all(map(math.isfinite, numbers)) and sum(v * v for v in pose.quaternion) > 1e-6
 
 
 def unit(pose: Pose) -> Pose:
-    """Return an external pose with a unit quaternion, w >= 0."""
+    """Return a pose whose quaternion is normalized, with w >= 0. Use it for poses from outside this program."""
     return Pose(pose.position, normalize(pose.quaternion))

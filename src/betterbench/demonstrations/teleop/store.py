@@ -1,6 +1,6 @@
 """Store of teleoperated demonstrations.
 
-It is an ordinary run folder with the initial states still to be demonstrated.
+The store is an ordinary run folder. It also tracks which initial states are still to be demonstrated.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from betterbench.tasks import Expected, get_task
 from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
-"""Default first seed for teleoperated demonstrations, far from the seeds of other demonstrators."""
+"""Default first seed of teleoperated demonstrations. It is far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""Failure kinds with which a human demonstration can be saved; they are noted in it."""
+"""Kinds of failure with which a human demonstration can still be saved. The failure is noted in the journal."""
 
 
 @dataclass(frozen=True, slots=True)
 class TeleopPlan:
-    """Plan of a teleoperation: the requested demonstrations.
+    """Demonstrations that a teleoperation session should record.
 
     Attributes:
         tasks: Names of the tasks.
         demos: Demonstrations per training condition.
-        condition: Training condition to demonstrate, or None for all.
-        first_seed: Seed from which initial states are chosen.
+        condition: Training condition to demonstrate; None for all of them.
+        first_seed: Smallest seed that may be used for initial states.
         quality: Render preset of the stored scenes.
     """
 
@@ -54,15 +54,15 @@ class TeleopPlan:
     quality: str = "standard"
 
     def starts(self) -> tuple[Start, ...]:
-        """Return the planned initial states, alternating between all conditions.
+        """Return the planned initial states, alternating between the training conditions.
 
         Raises:
-            InvalidInputError: If a number is out of range, or no task has the condition.
+            InvalidInputError: If a number is out of range, or a task does not have the condition.
             UnknownNameError: If a task does not exist.
         """
         tasks = [get_task(name) for name in dict.fromkeys(self.tasks)]
         if not tasks:
-            raise InvalidInputError("--tasks", "no task is given", "Give at least one (see better list tasks)")
+            raise InvalidInputError("--tasks", "no task is given", "Name at least one task (see better list tasks)")
         if self.condition is not None:
             for task in tasks:
                 task.train(self.condition)
@@ -72,7 +72,7 @@ class TeleopPlan:
 
 
 class DemonstrationStore:
-    """Run folder for human demonstrations, locked while it is open.
+    """Run folder for human demonstrations. It is locked while it is open.
 
     Raises:
         InvalidInputError: If a number is out of range.
@@ -82,7 +82,7 @@ class DemonstrationStore:
     """
 
     def __init__(self, out: Path, wanted: TeleopPlan) -> None:
-        """Open the run, or create it."""
+        """Open the run, or create it if it does not exist."""
         self.wanted = wanted
         self._starts = wanted.starts()
         plan, context = _plan(wanted, self._starts)
@@ -105,16 +105,19 @@ class DemonstrationStore:
 
     @property
     def planned(self) -> int:
-        """Number of requested demonstrations."""
+        """Number of planned demonstrations."""
         return len(self._starts)
 
     @property
     def saved(self) -> int:
-        """Number of demonstrations saved."""
+        """Number of saved demonstrations."""
         return sum(self._journal.is_done(s.trial) for s in self._starts)
 
     def due(self) -> Start | None:
-        """Return the next start to demonstrate, or None after the last one; postponed starts come last."""
+        """Return the next initial state to demonstrate.
+
+        Postponed initial states come last. Return None if all initial states have been demonstrated.
+        """
         left = [s for s in self._starts if not self._journal.is_done(s.trial)]
         first = [s for s in left if s not in self._put_off]
         if not first:
@@ -122,25 +125,27 @@ class DemonstrationStore:
         return next(iter(first or left), None)
 
     def put_off(self, start: Start) -> None:
-        """Move an initial state behind all others."""
+        """Postpone an initial state until all others have been demonstrated."""
         self._put_off.append(start)
 
     def scene(self, start: Start) -> Scene:
-        """Return the scene of an initial state."""
+        """Create the scene of an initial state."""
         task = get_task(start.task)
         quality = quality_preset(self.wanted.quality)
         return Scene(task, task.train(start.condition), seed=start.seed, action_space=EE_DELTA, quality=quality)
 
     def save(self, start: Start, scene: Scene, attempt: DemonstrationAttempt, wall: dict[str, float]) -> Path:
-        """Write a demonstration durably, and return its record's file.
+        """Write a demonstration durably, and return the path of its record.
 
         Raises:
-            InvalidInputError: If it did not succeed.
-            StorageError: If the disk is full; the demonstration is not lost and can be saved again.
+            InvalidInputError: If the demonstration did not succeed.
+            StorageError: If the disk is full. The demonstration is not lost and can be saved again.
         """
         note = attempt.note
         if not can_keep(attempt):
-            raise InvalidInputError(str(start.trial), f"not a demonstration: {note.reason}", "Undo, and do it again")
+            raise InvalidInputError(
+                str(start.trial), f"it cannot be saved: {note.reason}", "Undo some steps and try again"
+            )
         with on_disk(self.run.path):
             path = self.run.write_record(attempt.record)
             stored = self.run.keep_scene(scene)
@@ -153,12 +158,15 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Return whether a demonstration can be saved, because it succeeded and remained successful."""
+    """Return whether a demonstration can be saved.
+
+    It must have reached the goal, and the goal must still be met afterward.
+    """
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 
 def _plan(wanted: TeleopPlan, starts: Sequence[Start]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the plan and context of a run for ``run.json``."""
+    """Return the plan and the context of a run, which are stored in ``run.json``."""
     order = sorted(starts, key=lambda s: (s.task, s.condition, s.number))
     trials = tuple(Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value) for s in order)
     robot = get_task(order[0].task).robot

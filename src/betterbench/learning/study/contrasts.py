@@ -1,4 +1,8 @@
-"""Rates and gaps of groups of learners, and differences between two groups on their common trials."""
+"""Success rates and gaps of groups of learners, and differences between two groups on the trials that both ran.
+
+A learner is a policy that the study trains. An arm is a mixture of training distributions from which its demonstrations
+come.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +24,17 @@ from betterbench.tasks import stream
 
 @dataclass(frozen=True, slots=True)
 class ArmFinding:
-    """Results of the learners in one arm, on one task or on all tasks (task "").
+    """Results of the learners in one arm, on one task or on all tasks.
 
     Attributes:
+        task: Task name; "" for all tasks.
+        arm: Name of the arm.
+        lever: Name of the change to the training recipe; "" for the unchanged recipe.
         training: Success rate on training conditions.
         variations: Success rate on all variations.
-        gap: The twins' success rate minus the variations' success rate.
-        intention: Share of variation trials whose first attempt is at the right object.
+        gap: Illusion gap: success rate on the training twins (the training trials with the same seeds) minus success
+            rate on the variations.
+        intention: Fraction of the variation trials in which the first grasp attempt is at the right object.
     """
 
     task: str
@@ -40,14 +48,16 @@ class ArmFinding:
 
 @dataclass(frozen=True, slots=True)
 class ArmContrast:
-    """Comparison between two groups of learners on the same trials; the second group is the baseline.
+    """Comparison between two groups of learners on the same trials. The second group is the baseline.
 
     Attributes:
-        success: Difference between the success rates on variations, over pairs of trials. Its p-value is from the
-            sign-flip test over pairs of learners with the same task and seed.
-        gap: Difference of the illusion gaps. The interval is the wider of the intervals over trials and over learner
-            pairs. The p-value is from the same test.
-        learners: Number of learner pairs.
+        name: Name of the comparison.
+        task: Task name; "" for all tasks.
+        success: Difference between the success rates on variations, over pairs of trials. The p-value is from a
+            sign-flip test over pairs of learners with the same task and training seed.
+        gap: Difference between the illusion gaps. The interval is the wider of two intervals, one computed over trials
+            and one over pairs of learners. The p-value is from the same kind of test.
+        learners: Number of pairs of learners.
     """
 
     name: str
@@ -58,13 +68,20 @@ class ArmContrast:
 
 
 def success_of(trials: Iterable[TrialOutcome]) -> Figure:
-    """Return the success rate of trials."""
+    """Return the success rate over the given trials."""
     ended = [trial.success for trial in trials]
     return Figure.of_rate(Rate(sum(ended), len(ended)))
 
 
 def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> Difference:
-    """Return the illusion gap over pairs of twin and trial, clustered by the twin that variations share."""
+    """Return the illusion gap of learners over pairs of a variation trial and its training twin.
+
+    The interval accounts for variations that share the same training trial.
+
+    Args:
+        learners: The learners with their trials.
+        variation: Variation name; None for all variations.
+    """
     pairs = [(f.learner, twin, trial) for f in learners for twin, trial in f.pairs(variation)]
     return wider_paired_difference(
         [(twin.success, trial.success) for _, twin, trial in pairs],
@@ -75,13 +92,20 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Convert a difference over ``n`` pairs to a Figure; without pairs, its value and interval are None."""
+    """Convert a difference over ``n`` pairs to a Figure. If there are no pairs, the value and the interval are None."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return the results of an arm's learners with one lever, on a task or (if ``task`` is "") on all tasks."""
+    """Return the results of an arm's learners.
+
+    Args:
+        task: Task name; "" for all tasks.
+        arm: Name of the arm.
+        lever: Name of the recipe change; "" for the unchanged recipe.
+        chosen: The learners with their trials.
+    """
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +117,14 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Compare two groups of learners, over pairs with the same task, training seed and trials."""
+    """Compare two groups of learners over pairs with the same task, the same training seed and the same trials.
+
+    Args:
+        name: Name of the comparison.
+        task: Task name; "" for all tasks.
+        first: First group.
+        second: Second group, which is the baseline.
+    """
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])
@@ -132,7 +163,10 @@ def _mean_success(learner: LearnerOutcome) -> float:
 
 
 def _mean_gap(learner: LearnerOutcome) -> float | None:
-    """Return the illusion gap of one learner without an interval, or None without pairs."""
+    """Return the illusion gap of one learner, without an interval.
+
+    Return None if the learner has no pairs of trials.
+    """
     pairs = learner.pairs()
     return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
 

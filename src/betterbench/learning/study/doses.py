@@ -1,4 +1,8 @@
-"""Dose response of a confound: failure rates on variations that break it, by the fraction of demonstrations with it."""
+"""Dose response of a confound: how the failure rate on variations that break the confound depends on its dose.
+
+A confound is a property that always coincides with another in the demonstrations, such as a word with a place. The dose
+is the fraction of the demonstrations that have the confound.
+"""
 
 from __future__ import annotations
 
@@ -14,22 +18,25 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
 
 CROSSED = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS, Label.SEMANTIC_FEATURE_COLLAPSE)
-"""Labels of the confounds that a study plants. Balanced conditions combine words, places and appearances in all ways,
-which reduces these confounds."""
+"""Failure labels that the planted confounds cause. Balanced conditions combine words, places and appearances in all
+ways, which reduces these confounds.
+"""
 PLANTED = 0.95
-"""Minimum share of demonstrations with a confound for the confound to count as planted."""
+"""A confound counts as planted if at least this fraction of the demonstrations has it."""
 
 
 @dataclass(frozen=True, slots=True)
 class DoseFinding:
-    """Results of learners trained with confounds in a given fraction of their demonstrations.
+    """Results of learners whose demonstrations have confounds at a given dose.
 
     Attributes:
-        dose: Share of the demonstrations with confounds.
-        task: The task; "" for all tasks.
-        failure: Failure rate on the variations for which the audit predicts one of :data:`CROSSED`.
-        predicted: Share of reasoning failures on these variations that have the predicted label.
-        exposed: Share of the same failures with a label on the variation's card.
+        dose: Fraction of the demonstrations that have the confounds.
+        arm: Name of the arm.
+        task: Task name; "" for all tasks.
+        failure: Failure rate on the variations for which the shortcut audit predicts one of the labels in
+            :data:`CROSSED`.
+        predicted: Fraction of the reasoning failures on these variations that have the predicted label.
+        exposed: Fraction of the same failures that have a label listed on the variation's task card.
     """
 
     dose: float
@@ -43,7 +50,10 @@ class DoseFinding:
 def doses_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> Iterator[DoseFinding]:
-    """Yield the results by dose, first over all tasks and then per task; nothing for a plan without mixtures."""
+    """Yield the results for each dose, first over all tasks and then for each task.
+
+    If no arm of the plan mixes training distributions, there are no doses to compare, and nothing is yielded.
+    """
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):
@@ -69,7 +79,10 @@ def doses_of(
 def _matching(
     learner: LearnerOutcome, prediction: Prediction | None
 ) -> Iterator[tuple[TrialOutcome, str, frozenset[str]]]:
-    """Yield trials of variations that break a planted confound, with the predicted label and the task card's labels."""
+    """Yield the trials of variations that break a planted confound.
+
+    Each trial is yielded with the label that the audit predicts and with the labels on the task card.
+    """
     for forecast in () if prediction is None else prediction.variations:
         if forecast.risk > 0.0 and forecast.label in CROSSED:
             known = frozenset(label.value for label in exposed_labels(learner.learner.task, forecast.variation))
@@ -78,9 +91,9 @@ def _matching(
 
 
 def rises(doses: Sequence[DoseFinding]) -> bool | None:
-    """Return whether failure rises with the dose without any significant fall in between.
+    """Return whether the failure rate increases with the dose and never decreases significantly between two doses.
 
-    Returns None if fewer than two doses were measured.
+    Return None if fewer than two doses were measured.
     """
     ends = [
         (d.failure.value, d.failure.low, d.failure.high)
@@ -94,6 +107,9 @@ def rises(doses: Sequence[DoseFinding]) -> bool | None:
 
 
 def named_when_planted(doses: Sequence[DoseFinding]) -> Figure:
-    """Return the share of failures whose label is exposed by the variation, over doses with a planted confound."""
+    """Return the fraction of reasoning failures with a label on the variation's task card.
+
+    Only doses of at least :data:`PLANTED` are included.
+    """
     planted = [d.exposed for d in doses if d.dose >= PLANTED and not d.task]
     return Figure.of_rate(Rate(sum(f.k or 0 for f in planted), sum(f.n or 0 for f in planted)))

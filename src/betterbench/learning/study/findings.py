@@ -1,4 +1,4 @@
-"""Findings of a study: rates, gaps, construct validity, accuracy of the audit's prediction, and effect of words."""
+"""Findings of a study: success rates, gaps and their causes, accuracy of the audit, and use of the instruction."""
 
 from __future__ import annotations
 
@@ -37,16 +37,18 @@ from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.interventions import resolve_condition
 
 SOLVED = 0.5
-"""Success rate that the interval must exceed for a variation to count as solved."""
+"""A variation counts as solved if the confidence interval of its success rate lies above this value."""
 DROPPED = 0.5
-"""Training success below which a variation counts as failed in the prediction's score."""
+"""When the prediction is scored, a variation counts as failed if its success rate is below this fraction of the success
+rate in training conditions.
+"""
 CONTRAST = "balanced against confounded"
-"""Name of the main contrast on a study page."""
+"""Name of the main comparison on the page of a study."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
-"""Names of the contrasts that separate coverage from decorrelation.
+"""Names of the comparisons that separate the effects of coverage and of decorrelation.
 
-The arms in the first contrast differ in the number of shown conditions. In the second contrast, words are tied to their
-places in only one of the two arms.
+In the first comparison, the arms differ in how many conditions are demonstrated. In the second comparison, both arms
+demonstrate equally many conditions, but in one of them each word always occurs with the same place.
 """
 
 GapVerdict = Literal[
@@ -57,7 +59,7 @@ GapVerdict = Literal[
     "hard for another reason",
     "open",
 ]
-"""Verdict on the cause of a variation's gap; see :func:`verdict_of`."""
+"""Verdict on why learners fail a variation, see :func:`verdict_of`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +67,16 @@ class VariationFinding:
     """Results of the learners on one variation.
 
     Attributes:
-        risk: Risk predicted by the audit of the confounded set; None without an audit.
-        predicted: Predicted label, "" for none.
-        never_shown: Words, categories and colors of the variation that do not occur in the training data of the
-            confounded or the balanced learners.
+        risk: Risk that the audit of the confounded demonstrations predicts; None without an audit.
+        predicted: Failure label that the audit predicts; "" if it predicts no failure.
+        never_shown: Words, object categories and colors of the variation that are missing from the training data of the
+            confounded learners or of the balanced learners.
         success: Success rate by arm.
         gaps: Illusion gap by arm.
-        validity: Share of the confounded learners' gap that balancing removes. None without a significant gap.
-        labels: Labels of the confounded learners' failures with their counts, most frequent first.
+        validity: Fraction of the confounded learners' gap that balancing the training data removes; None if there is no
+            significant gap.
+        verdict: Verdict on why learners fail the variation.
+        labels: Failure labels of the confounded learners with their counts, most frequent first.
     """
 
     task: str
@@ -91,12 +95,12 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on the variations whose words, categories and colors all occur in every learner's training data.
+    """Results on variations whose words, categories and colors all occur in the training data of every learner.
 
     Attributes:
         variations: Number of these variations.
-        balanced: Success rate of the balanced learners on them.
-        contrast: Contrast of the balanced and the confounded learners on them.
+        balanced: Success rate of the balanced learners on these variations.
+        contrast: Comparison of the balanced learners with the confounded learners on these variations.
     """
 
     variations: int
@@ -106,14 +110,16 @@ class KnownFinding:
 
 @dataclass(frozen=True, slots=True)
 class RepeatedFinding:
-    """Replication of the verdict "decorrelation is enough" with learners that were excluded from the verdict.
+    """Replication of the verdict "decorrelation is enough" with learners that did not contribute to the verdict.
 
-    Each training seed is left out in turn. The variations are those with this verdict according to the learners with
-    all other seeds. The trials are those of the excluded balanced learner in the same scenes.
+    The verdict means that balanced learners solve a variation that confounded learners fail.
+
+    Each training seed is left out in turn. The variations are those that have this verdict according to the learners
+    with all other seeds. The trials are those of the balanced learner with the seed that was left out.
 
     Attributes:
-        variations: Number of variations with the verdict, summed over the excluded seeds.
-        success: Success rate of the excluded balanced learners on them.
+        variations: Number of variations with the verdict, summed over the seeds.
+        success: Success rate of the left-out balanced learners on these variations.
     """
 
     variations: int
@@ -122,7 +128,7 @@ class RepeatedFinding:
 
 @dataclass(frozen=True, slots=True)
 class WordFinding:
-    """Rate at which the learners' target changes when only the instruction changes."""
+    """Rate at which learners change the target of their first grasp attempt when only the instruction changes."""
 
     arm: str
     changed: Figure
@@ -131,13 +137,14 @@ class WordFinding:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFinding:
-    """Score of the audit's prediction, made before training, on the confounded learners.
+    """Accuracy with which the audit predicted the failures of the confounded learners before they were trained.
 
     Attributes:
-        area: Probability that a failed variation had a higher risk than a solved one (AUROC); ``n`` counts variations.
+        area: Probability that a failed variation had a higher predicted risk than a solved one (AUROC). ``n`` is the
+            number of variations.
         failed: Number of failed variations.
-        label: Fraction of failed trials with the label predicted for their variation.
-        exposed: Share of failed trials with a label on their variation's card.
+        label: Fraction of the failed trials that have the label predicted for their variation.
+        exposed: Fraction of the failed trials that have a label listed on their variation's task card.
     """
 
     area: Figure
@@ -148,17 +155,18 @@ class PredictionFinding:
 
 @dataclass(frozen=True, slots=True)
 class StudyFindings:
-    """Findings of a study for its page.
+    """All findings of a study that its page shows.
 
     Attributes:
-        roles: Arm of each role.
-        coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty without
-            such an arm.
-        known: Results on variations that contain only words and objects shown in training; None without the balanced
-            and confounded arms.
-        repeated: Replication of the verdicts without the excluded learners; None unless both arms have two training
+        roles: Name of the arm that has each role, such as "confounded" or "balanced".
+        coverage: Comparisons :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty if the study
+            has no arms for them.
+        known: Results on variations that contain only words and objects that occur in training; None without the
+            balanced and confounded arms.
+        repeated: Replication of the verdicts with left-out learners; None unless both arms have at least two training
             seeds.
-        doses: Results by the share of demonstrations with confounds; empty for a plan without mixtures.
+        doses: Results by the fraction of the demonstrations that have confounds; empty if no arm mixes training
+            distributions.
     """
 
     roles: Mapping[str, str]
@@ -175,7 +183,7 @@ class StudyFindings:
 
     @property
     def compared(self) -> tuple[ArmContrast, ...]:
-        """All contrasts over all tasks, by task, and on the variations of :class:`KnownFinding`."""
+        """All comparisons: over all tasks, by task, and on the variations of :class:`KnownFinding`."""
         known = () if self.known is None else (self.known.contrast,)
         return (*self.contrasts, *known, *self.coverage)
 
@@ -183,12 +191,12 @@ class StudyFindings:
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> StudyFindings:
-    """Return the findings of a study. They depend only on the arguments.
+    """Compute the findings of a study. They depend only on the arguments.
 
     Args:
-        plan: The plan.
-        learners: The trials of all learners.
-        predictions: The prediction of each task's confounded set.
+        plan: Plan of the study.
+        learners: All learners with their trials.
+        predictions: Predicted failures for each task, from the audit of its confounded demonstrations.
     """
     roles = {role: arm for role in ROLES if (arm := plan.arm_in(role)) is not None}
     plain = [f for f in learners if not f.learner.lever]
@@ -216,7 +224,10 @@ def findings_of(
 
 
 def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> Iterator[ArmContrast]:
-    """Yield the contrasts that separate coverage from decorrelation, for the trained pairs of roles."""
+    """Yield the comparisons that separate the effect of varied demonstrations from the effect of removing confounds.
+
+    A comparison is left out if the plan has no arms for it.
+    """
     for name in (COVERAGE, DECORRELATION):
         pair = name.split(" against ")
         if all(role in roles for role in pair):
@@ -228,7 +239,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on variations whose words and objects occurred in the training data of both arms."""
+    """Return the results on variations whose words and objects all occur in the training data of both arms."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -244,7 +255,11 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return the success of held-out balanced learners where other training seeds found decorrelation sufficient."""
+    """Return how often balanced learners replicate the verdict "decorrelation is enough".
+
+    Each training seed is left out in turn. The verdict is derived from the learners with the other seeds, and the
+    balanced learner with the left-out seed is then evaluated on the variations with this verdict.
+    """
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -310,7 +325,7 @@ def _variations(
 
 
 def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: Mapping[str, int]) -> Figure | None:
-    """Return the share of the confounded learners' gap that balancing removes."""
+    """Return the fraction of the confounded learners' gap that balancing the training data removes."""
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     left = ratio_of(gaps[roles["balanced"]], gaps[roles["confounded"]])
@@ -321,14 +336,18 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials, or None if there are too few trials to decide."""
+    """Return whether learners solve more than half of the trials. Return None if the data do not allow a decision."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None
 
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
-    """Return the verdict on the cause of a variation's gap, from the trained roles' success."""
+    """Return the verdict on why learners fail a variation.
+
+    Args:
+        success: Success rate on the variation by role of the arm.
+    """
     confounded, diverse, balanced, covered = (
         solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
     )
@@ -346,7 +365,10 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 
 
 def reworded(task: str) -> tuple[str, ...]:
-    """Return the variations whose scene equals their twin's but whose instruction has another first object."""
+    """Return the variations that differ from their training condition only in the instruction.
+
+    The instruction of such a variation asks for another object to be handled first.
+    """
     found = []
     for variation in get_task(task).variations:
         twin = resolve_condition(task, variation.base).condition
@@ -361,9 +383,9 @@ def reworded(task: str) -> tuple[str, ...]:
 
 
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
-    """Return the rate at which a learner's first target changes between twins that differ only in words.
+    """Return how often learners change their first target between trials that differ only in the instruction.
 
-    A trial without an attempt has no target; its pair is treated as unchanged.
+    If there is no grasp attempt in one of the two trials, the target counts as unchanged.
     """
     pairs = [p for f in learners for name in reworded(f.learner.task) for p in f.pairs(name)]
     changed = sum(
@@ -374,7 +396,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Score the prediction by its ranking of the variations and its labels for the failed trials."""
+    """Score the prediction by its ranking of the variations and by its labels for the failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

@@ -1,6 +1,7 @@
-"""Training of a study's learners, one in this process or several in parallel processes.
+"""Training of a study's learners, either a single learner in this process or several learners in parallel processes.
 
-A learner of this size uses one CPU core, so two learners in parallel take as long as one.
+The networks are small, so training a learner occupies a single CPU core. On two cores, training two learners in
+parallel takes as long as training one.
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ _STOP_S = 5.0
 
 
 OnWork = Callable[[int, int, str], None]
-"""Callback with the completed and total units of work, and a note."""
+"""Callback that receives the number of finished units of work, the total number, and a note."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedPolicy:
-    """Trained learner, to be evaluated as a policy.
+    """Trained learner that is evaluated as a policy.
 
     Attributes:
-        address: Policy address.
-        digest: SHA-256 of its checkpoint.
-        observation: Observation preset for its evaluation.
-        quality: Render preset for its evaluation.
+        address: Policy address, ``learned:FOLDER``.
+        digest: SHA-256 of the checkpoint.
+        observation: Observation preset for the evaluation.
+        quality: Render preset for the evaluation.
     """
 
     address: str
@@ -45,12 +46,15 @@ class TrainedPolicy:
     quality: str = "fast"
 
     def require(self) -> None:
-        """Raise RecordError if the checkpoint has changed since training."""
+        """Raise RecordError if the checkpoint has changed since the learner was trained."""
         require_weights(checkpoint_of(LEARNED.parse(self.address)), self.digest)
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
-        """Return the policy trained by a recipe. It is evaluated with the camera views of its training."""
+        """Return the policy that was trained by a recipe.
+
+        The policy is evaluated with the camera views with which it was trained.
+        """
         if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
@@ -58,11 +62,12 @@ class TrainedPolicy:
 
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
-    """A learner to train.
+    """Learner to train.
 
     Attributes:
-        out: Folder of the training.
-        begins_with: SHA-256 of the recipe's start checkpoint; "" if unknown.
+        recipe: Training recipe.
+        out: Folder for the training run.
+        begins_with: SHA-256 of the checkpoint that provides the initial weights; "" if it is unknown or there is none.
     """
 
     recipe: TrainingRecipe
@@ -71,7 +76,7 @@ class TrainingJob:
 
 
 class _Learner(SpawnedProcess):
-    """Process that trains a learner, with its latest messages."""
+    """Process that trains a learner, with its latest progress."""
 
     def __init__(self, job: TrainingJob, device: str) -> None:
         super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
@@ -84,13 +89,15 @@ class _Learner(SpawnedProcess):
 def train_learners(
     jobs: Sequence[TrainingJob], device: str, tell: OnWork, *, workers: int = 1
 ) -> tuple[TrainedPolicy, ...]:
-    """Train all jobs in parallel and return the policies in order; a single job is trained in this process.
+    """Train learners in parallel, and return the trained policies in the order of the jobs.
 
-    First, ``workers`` processes render the frames for learners of the ``pixels`` family.
+    A single job is trained in this process.
+
+    Before the training, ``workers`` processes render the frames for learners of the ``pixels`` family.
 
     Raises:
         TrainingError: If a process dies.
-        BetterError: The error of a job. The other jobs are stopped too, and everything saved is kept.
+        BetterError: If a job fails. The other jobs are stopped too, and everything that was saved is kept.
     """
     for job in jobs:
         _draw(job, tell, workers)
@@ -114,14 +121,17 @@ def train_learners(
 
 
 def _listen(learner: _Learner) -> None:
-    """Handle one message from the process; raise its error, or TrainingError if the process ended without a message."""
+    """Handle one message from a training process.
+
+    Raise the error that the process reports, or TrainingError if the process ended without a message.
+    """
     try:
         said = learner.connection.recv()
     except (EOFError, OSError):
         how = learner.end(_STOP_S)
         raise TrainingError(
-            f"the process that trained {learner.job.out.name} has ended ({how}). Its saved state is kept: run the "
-            f"same command again, with fewer --workers if memory ran out."
+            f"the process that trained {learner.job.out.name} has ended ({how}). Its saved state is kept. Run the "
+            f"same command again, with fewer --workers if the memory was full."
         ) from None
     if isinstance(said, BaseException):
         raise said
@@ -134,7 +144,7 @@ def _listen(learner: _Learner) -> None:
 def _learn(
     job: TrainingJob, device: str, files: Sequence[TaskFile], held: Sequence[HeldFolder], link: Connection
 ) -> None:
-    """Train one learner and report its progress; the main function of a process."""
+    """Train one learner and report the progress. This is the main function of a training process."""
     prepare_process(held)
     with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the parent process has ended
         try:
@@ -163,18 +173,23 @@ def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
 
 
 def require_weights(place: Path, digest: str) -> None:
-    """Raise RecordError if a checkpoint (or the one in a folder) is not the one trained by the study."""
+    """Raise RecordError if a checkpoint is not the one that the study trained.
+
+    Args:
+        place: Checkpoint file, or the folder that contains it.
+        digest: SHA-256 of the checkpoint that the study trained.
+    """
     path = place / CHECKPOINT if place.is_dir() else place
     there = file_digest(path) if path.is_file() else None
     if there != digest:
-        problem = "is missing" if there is None else "contains other weights than those trained by this study"
+        problem = "it is missing" if there is None else "it contains other weights than those trained by this study"
         raise RecordError(
-            f"{path}: {problem}. Put the checkpoint back, or run a new study into another folder; nothing was deleted."
+            f"{path}: {problem}. Put the checkpoint back, or run a new study in another folder; nothing was deleted."
         )
 
 
 def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
-    """Train a learner in this process; raises the errors of the training loop."""
+    """Train a learner in this process. Raises the errors of the training loop."""
     if job.begins_with and job.recipe.start is not None:
         require_weights(Path(job.recipe.start), job.begins_with)
     from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch

@@ -1,4 +1,4 @@
-"""Effects of recipe changes (levers), per axis and overall, in the layout of the paper's Table 3."""
+"""Effects of recipe changes (levers), for each axis and overall, in the layout of the paper's Table 3."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from betterbench.tasks import Axis, get_task
 
 @dataclass(frozen=True, slots=True)
 class LeverRow:
-    """Results of one recipe's learners.
+    """Results of the learners with one recipe.
 
     Attributes:
-        found: Results on all their tasks. Its ``lever`` is "" for the unchanged recipe.
-        axes: Success rate on each axis's variations, by axis name.
-        against: Difference from the learners they are compared with, over trials of the same tasks and training seeds;
-            None for the unchanged recipe.
-        start: Arm whose learners provide the initial weights, so that the learner has also seen that arm's
-            demonstrations; None if there is none.
-        compared: Lever of the learners they are compared with; None for the unchanged recipe.
+        found: Results over all tasks of these learners.
+        axes: Success rate on the variations of each axis, by axis name.
+        against: Difference from the learners that they are compared with, over trials with the same tasks and training
+            seeds; None for the unchanged recipe.
+        start: Arm whose learners provide the initial weights, so that these learners have also seen the demonstrations
+            of that arm; None if the initial weights are random.
+        compared: Recipe change of the learners that they are compared with; None if those learners have the unchanged
+            recipe.
     """
 
     found: ArmFinding
@@ -35,12 +36,13 @@ class LeverRow:
 
 @dataclass(frozen=True, slots=True)
 class LeverTable:
-    """Comparison of levers for one arm; the first row is the unchanged recipe.
+    """Comparison of recipe changes for one arm. The first row is the unchanged recipe.
 
     Attributes:
         arm: Arm of the learners.
         tasks: Tasks of the learners.
         seeds: Number of training seeds per task.
+        rows: Results of each recipe.
     """
 
     arm: str
@@ -50,7 +52,7 @@ class LeverTable:
 
 
 def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
-    """Yield one table per arm and set of tasks for which levers were tried, in plan order."""
+    """Yield one table for each arm and set of tasks with recipe changes, in the order of the plan."""
     groups: dict[tuple[str, tuple[str, ...]], list[Lever]] = {}
     for lever in plan.levers:
         for arm in lever.arms or tuple(plan.arms):

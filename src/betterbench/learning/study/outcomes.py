@@ -1,4 +1,4 @@
-"""Outcomes of learners' trials, from which a study computes its findings."""
+"""Outcomes of the learners' trials, from which the findings of a study are computed."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ class TrialOutcome:
     """Outcome of one trial.
 
     Attributes:
-        variation: Variation, or None for a training condition.
-        condition: Training condition; for a variation, the twin's training condition.
-        label: Label of the diagnosis.
-        intention: Whether the first attempt was at the right object; None without a record.
-        target: Slot or object of the first attempt; None without an attempt.
+        variation: Variation name; None for a training condition.
+        condition: Training condition; for a variation, the condition of its training twin (the training trial with the
+            same seed).
+        label: Label that the diagnosis gave to the trial.
+        intention: Whether the first grasp attempt was at the right object; None without a record.
+        target: Slot or object of the first grasp attempt; None without an attempt.
     """
 
     variation: str | None
@@ -37,28 +38,31 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """The training condition and seed shared with the twin."""
+        """Training condition and seed, which a variation trial shares with its training trial."""
         return self.condition, self.seed
 
 
 @dataclass(frozen=True, slots=True)
 class LearnerOutcome:
-    """All trials of one learner."""
+    """Learner with all its trials."""
 
     learner: PlannedLearner
     trials: tuple[TrialOutcome, ...]
 
     def of(self, variation: str | None) -> list[TrialOutcome]:
-        """Return the trials of a variation, or of the training conditions for None."""
+        """Return the trials of a variation. If ``variation`` is None, return the trials of the training conditions."""
         return [t for t in self.trials if t.variation == variation]
 
     @property
     def varied(self) -> list[TrialOutcome]:
-        """The trials of all variations."""
+        """Trials of all variations."""
         return [t for t in self.trials if t.variation is not None]
 
     def pairs(self, variation: str | None = None) -> list[tuple[TrialOutcome, TrialOutcome]]:
-        """Return twin and trial for each trial of a variation, or of all variations for None."""
+        """Return pairs of a training trial and a variation trial with the same seed (the twin and the trial).
+
+        If ``variation`` is None, the trials of all variations are paired.
+        """
         trained = {t.twin: t for t in self.of(None)}
         trials = self.varied if variation is None else self.of(variation)
         return [(trained[t.twin], t) for t in trials if t.twin in trained]
@@ -68,7 +72,7 @@ _TRIALS = TypeAdapter(tuple[TrialOutcome, ...])
 
 
 def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
-    """Return the trial outcomes of a diagnosed run."""
+    """Return the outcomes of all trials in a diagnosed run, except for ambiguous trials."""
     return tuple(
         TrialOutcome(
             t.variation,
@@ -84,10 +88,10 @@ def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
 
 
 def trials_form(trials: Iterable[TrialOutcome]) -> list[dict[str, Any]]:
-    """Return trials as a JSON-serializable list."""
+    """Return the outcomes as a JSON-serializable list."""
     return [asdict(trial) for trial in trials]
 
 
 def read_trials(form: object, where: str) -> tuple[TrialOutcome, ...]:
-    """Parse trials from JSON. Raises RecordError if it is malformed."""
+    """Parse trial outcomes from JSON. Raises RecordError if the JSON has another format."""
     return read_form(_TRIALS, form, where=where, cure="Delete the file to evaluate again", raises=RecordError)

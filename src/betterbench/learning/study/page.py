@@ -1,4 +1,4 @@
-"""Results page of a study, with all numbers as JSON and CSV."""
+"""Page with the results of a study, and files with all numbers as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -30,17 +30,26 @@ from betterbench.version import __version__
 FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 
 LEAST_DIFFERENCE = 0.30
-"""Expected reduction of the illusion gap for balanced learners, as a fraction."""
+"""Expectation: the illusion gap of balanced learners is smaller than that of confounded learners by at least this
+fraction.
+"""
 LEAST_SOLVED = 0.70
-"""Expected success rate of balanced learners on the variations whose words and objects were shown in training."""
+"""Expectation: balanced learners have at least this success rate on the variations whose words and objects occur in
+training.
+"""
 LEAST_DECORRELATED = 0.20
-"""Expected advantage in success of balanced over diverse-confounded learners on variations, as a fraction."""
+"""Expectation: the success rate on variations is higher by at least this fraction for balanced than for
+diverse-confounded learners.
+"""
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70
-"""Expected share of reworded twins with a changed target: at most this for confounded learners, at least this for
-balanced ones."""
+"""Expectations about how often learners change their target when only the instruction changes: at most the first
+fraction for confounded learners, and at least the second fraction for balanced learners.
+"""
 GOOD_AREA = 0.9
 LEAST_NAMED = 0.90
-"""Expected share of failed trials of learners with a planted confound in which the diagnosis names the confound."""
+"""Expectation: for learners with a planted confound, the diagnosis names the confound in at least this fraction of the
+failed trials.
+"""
 
 _WHAT_VERDICTS_SAY = {
     "no gap": "the confounded learners solve it, so balancing has nothing to remove",
@@ -57,10 +66,12 @@ _WHAT_VERDICTS_SAY = {
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """Expectation of a study with its result.
+    """Expectation that was stated before the study, with the result.
 
     Attributes:
-        held: Whether the expectation was met; None if open or not measured.
+        expected: The expectation, as a sentence.
+        found: The result, as a text.
+        held: Whether the expectation was met; None if the result is inconclusive or was not measured.
     """
 
     expected: str
@@ -71,8 +82,8 @@ class Expectation:
 def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
     """Write the page, the JSON file and the CSV files of a study into its folder, and return the findings.
 
-    study.json and the CSV files contain the measurements; their bytes do not depend on interruptions. The page also
-    reports the durations.
+    The JSON and CSV files contain the measurements, and their bytes do not depend on interruptions. The page also
+    reports how long the stages took.
 
     Raises:
         RecordError: If a prediction was changed after it was written.
@@ -97,7 +108,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
 
 
 def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
-    """Return all findings as a JSON document. It is the same after interruptions of the study."""
+    """Return all findings as a JSON document. Interruptions of the study do not change it."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
         "betterbench": __version__,
@@ -111,7 +122,7 @@ def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
 
 
 def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
-    """Return the page as self-contained HTML."""
+    """Return the page of a study as self-contained HTML."""
     charts = [
         {"chart": c, "wide": Markup(draw(c)), "narrow": Markup(draw(c, narrow=True))}  # noqa: S704 - escaped there
         for c in study_charts(found)
@@ -140,12 +151,12 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
 
 
 def study_style() -> str:
-    """Return the style sheet for a study's page."""
+    """Return the style sheet for the page of a study."""
     return "".join(asset(f"{name}.css") for name in ("page", "figure", "study"))
 
 
 def _duration(seconds: float) -> str:
-    """Return a duration in words."""
+    """Format a duration in words, such as "45 seconds", "12 minutes" or "3 h 05 min"."""
     if seconds < 90.0:
         return plural(round(seconds), "second")
     minutes = round(seconds / 60.0)
@@ -153,7 +164,7 @@ def _duration(seconds: float) -> str:
 
 
 def study_charts(found: StudyFindings) -> Iterator[Chart]:
-    """Yield the figures about success by arm, the share of each gap removed by balancing, and doses."""
+    """Yield the charts of the page: success by arm, how much of each gap balancing removes, and failure by dose."""
     groups = []
     tasks = list(dict.fromkeys(a.task for a in found.arms if not a.lever))
     for task in tasks:
@@ -195,7 +206,10 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
 
 
 def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
-    """Return the study's expectations with results; expectations about learners that have not learned stay open."""
+    """Return the expectations that were stated before the study, with the results.
+
+    If the learners that an expectation is about have not learned their training conditions, the expectation stays open.
+    """
     lines = []
     if found.known is not None and found.known.variations:
         gap, solved = found.known.contrast.gap, found.known.balanced
@@ -236,7 +250,10 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
 
 
 def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield expectations that compare balanced and diverse-confounded learners; nothing for a study without them."""
+    """Yield the expectations about balanced learners and about learners with diverse but confounded demonstrations.
+
+    If the study does not have both kinds of learners, yield nothing.
+    """
     pair = ("diverse-confounded", "balanced")
     for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
         least = f"{100 * LEAST_DECORRELATED:.0f} points"
@@ -247,7 +264,7 @@ def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield the expectations about mixtures; nothing for a study without mixtures."""
+    """Yield the expectations about doses, if the study has arms that mix training distributions."""
     overall = [d for d in found.doses if not d.task]
     if not overall:
         return
@@ -262,7 +279,7 @@ def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
-    """Return an expectation that stays open if a role's learners solve less than half of their training conditions."""
+    """Mark an expectation as open if the learners with a given role solve too few of their training conditions."""
     for role in roles:
         arm = next((a for a in found.arms if (a.arm, a.task, a.lever) == (found.roles.get(role), "", "")), None)
         if arm is not None and arm.training.value is not None and arm.training.value < SOLVED:
@@ -282,7 +299,7 @@ def _area_text(area: Figure, failed: int) -> str:
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return all numbers on the page as one long table of fractions. The result is empty if there are none."""
+    """Return all numbers on the page as one long table of fractions. The table is empty if there are none."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:
@@ -321,7 +338,7 @@ def numbers_table(found: StudyFindings) -> Table:
 
 
 def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
-    """Yield the key (task, no variation, arm and lever) and the numbers of each row in the lever tables."""
+    """Yield the key (task, "", arm and recipe change) and the numbers of each row in the tables of recipe changes."""
     for table in found.levers:
         for row in table.rows:
             against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}
@@ -331,7 +348,7 @@ def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str],
 
 
 def trials_table(outcome: StudyOutcome) -> Table:
-    """Return all trials of all learners."""
+    """Return a table with all trials of all learners."""
     rows = tuple(
         (
             f.learner.task,

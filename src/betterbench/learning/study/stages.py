@@ -1,8 +1,8 @@
-"""Stages of a study: demonstration sets, learners and runs, in this order. Finished work is never repeated.
+"""Stages of a study, in this order: demonstration sets, question sets, training and evaluation of the learners.
 
-``OUT/stages/NAME.json`` marks a complete stage and contains its inputs, its outputs and a checksum. An interrupted
-stage is resumed by the package that does the work, and gives the same bytes. The output of a stage is verified against
-this file before the next stage uses it.
+``OUT/stages/NAME.json`` marks a complete stage. It contains a hash of the inputs, the outputs and a checksum. Finished
+work is never repeated: an interrupted stage is resumed and gives the same bytes. Before a stage uses the output of
+another stage, the output is verified against this file.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from betterbench.vqa import read_set
 STAGES = "stages"
 _MAX_BYTES = 64 << 20
 _HERE = "{study}"
-"""Placeholder for the study folder in stored paths, because the folder may be moved."""
-_CURE = "Move the file elsewhere to check the stage again; its output is kept"
+"""Placeholder for the study folder in stored paths, so that the folder can be moved."""
+_CURE = "Delete the file to check the stage again; its output is kept"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +48,11 @@ class StudyProgress:
     """Progress of a study.
 
     Attributes:
-        number: Current stage, from 1.
-        stages: Number of stages.
+        number: Number of the current stage, from 1.
+        stages: Total number of stages.
         name: Name of the current stage.
-        done: Number of finished work units in this stage.
-        planned: Total number of work units in this stage; 0 if unknown.
+        done: Number of finished units of work in this stage.
+        planned: Total number of units of work in this stage; 0 if unknown.
         note: Description of the current work.
     """
 
@@ -72,10 +72,11 @@ class StudyOutcome:
     """Measurements of a complete study.
 
     Attributes:
-        plan: Study plan.
-        learners: Each learner's trials.
-        predictions: Folder of each task's confounded set, whose prediction.json predicts the failures.
-        seconds: Stage durations by kind [s]; interrupted sessions are not counted.
+        plan: Plan of the study.
+        learners: All learners with their trials.
+        predictions: For each task, the folder of its confounded demonstrations, which contains the predicted failures
+            (prediction.json).
+        seconds: Duration of the stages by kind [s], without interrupted sessions.
     """
 
     plan: StudyPlan
@@ -87,7 +88,7 @@ class StudyOutcome:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """Record of a complete stage."""
+    """Content of the file that marks a stage as complete."""
 
     inputs: str
     output: dict[str, Any]
@@ -121,7 +122,7 @@ _OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
     "learners": TypeAdapter(_Learned),
     "runs": TypeAdapter(_Evaluated),
 }
-"""Output format by kind of stage."""
+"""Format of the output for each kind of stage."""
 
 
 def run_study(
@@ -132,22 +133,22 @@ def run_study(
     certificate: Path | None = None,
     on_progress: OnStudy | None = None,
 ) -> StudyOutcome:
-    """Run all unfinished stages of a plan and return the measurements.
+    """Run all unfinished stages of a plan, and return the measurements.
 
-    The same folder can be continued with a larger plan.
+    A study can be continued in the same folder with a larger plan.
 
     Args:
-        plan: Study plan.
-        out: Study folder.
+        plan: Plan of the study.
+        out: Folder of the study.
         workshop: Functions that do the work.
-        certificate: Certificate of the trials, or its folder; default: the packaged one.
+        certificate: Certificate of the trials, or its folder. The default is the certificate in the package.
         on_progress: Called during the stages.
 
     Raises:
-        RunConflictError: If another process uses the folder, or it contains a stage of another plan.
+        RunConflictError: If another process uses the folder, or the folder contains a stage of another plan.
         InvalidInputError: If a trial is not certified.
-        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
-        BetterError: Error of a stage; earlier results are kept.
+        StorageError: If the disk is full, or the folder was removed or renamed during the study.
+        BetterError: If a stage fails. Earlier results are kept.
     """
     out = out.absolute()
     require_certified(make_plan("expert", tasks=plan.tasks, trials=plan.trials), certificate)
@@ -157,11 +158,12 @@ def run_study(
 
 @dataclass(frozen=True, slots=True)
 class _Learning:
-    """Learner that has not been trained yet.
+    """Learner with everything needed to train it.
 
     Attributes:
-        job: Its training job.
-        inputs: Hash of all inputs that determine its weights.
+        learner: The learner.
+        job: Training job of the learner.
+        inputs: Hash of all inputs that determine the weights.
     """
 
     learner: PlannedLearner
@@ -184,13 +186,13 @@ class _Study:
         self._hashes: dict[str, str] = {}
 
     def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
-        """Yield the name and recipe of each required demonstration set; learners share sets."""
+        """Yield the name and the recipe of each demonstration set that is needed. Several learners can share a set."""
         for learner in self._learners:
             for regime, demos in self._plan.sets_of(learner.arm).items():
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
 
     def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
-        """Yield the name, the demonstration set and the number of questions of each required question set."""
+        """Yield each question set that is needed, as its name, its demonstration set and its number of questions."""
         for learner in self._learners:
             if asked := self._plan.questions_of(learner):
                 yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
@@ -209,7 +211,10 @@ class _Study:
         return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
 
     def run(self) -> StudyOutcome:
-        """Run all stages. The sets precede the learners, of which as many as possible are trained in parallel."""
+        """Run all stages: first the demonstration sets and question sets, then the learners.
+
+        As many learners as possible are trained in parallel.
+        """
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
         self._hashes = hashes
@@ -226,13 +231,13 @@ class _Study:
         return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
 
     def _require_questions(self) -> None:
-        """Raise an error early if a lever's question set cannot be read."""
+        """Raise an error early if a question set that the plan names cannot be read."""
         asked = (recipe.co_training.sets for recipe in self._asked_elsewhere() if recipe.co_training is not None)
         for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
             read_set(Path(place))
 
     def _asked_elsewhere(self) -> Iterator[TrainingRecipe]:
-        """Yield a recipe for each combination of demonstrations and existing question sets that the plan names."""
+        """Yield a recipe for each combination of demonstrations and existing question sets that occurs in the plan."""
         seen = set()
         for learner in (one for one in self._learners if not self._plan.questions_of(one)):
             data = self._folders_of(learner)
@@ -252,7 +257,7 @@ class _Study:
         return str(found["sha256"])
 
     def _ask(self, name: str, about: str, count: int, hashes: Mapping[str, str]) -> str:
-        """Create the questions about a demonstration set, and return their hash."""
+        """Make the questions about a demonstration set, and return the hash of the question set."""
         source, out = (self._out / kind / of for kind, of in (("sets", about), ("questions", name)))
         found = self._stage(
             "questions",
@@ -263,12 +268,15 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the next learners to train in parallel, and their inputs. There are as many as the threads allow."""
+        """Return the learners that are trained next, with their inputs.
+
+        Their number is limited by the number of threads.
+        """
         group: list[_Learning] = []
         threads = 0
         for learner in learners:
             if self._plan.start_of(learner) in [one.learner for one in group]:
-                break  # this learner starts with the weights of a learner in the same group
+                break  # this learner starts from the weights of a learner in the same group
             one = self._learning(learner, hashes)
             threads += one.job.recipe.threads
             if group and threads > self._workshop.threads:
@@ -299,7 +307,7 @@ class _Study:
         return _Learning(learner, job, _hash_of(inputs))
 
     def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
-        """Train a group's untrained learners, and return the policies of all its learners."""
+        """Train the learners of a group that are not trained yet, and return the policies of all its learners."""
         self._number += len(group)
         due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
         for name in dict.fromkeys(name for one in due for name in self._sets_of(one.learner)):
@@ -328,7 +336,7 @@ class _Study:
         return policies
 
     def _evaluate(self, learner: PlannedLearner, policy: TrainedPolicy) -> LearnerOutcome:
-        """Evaluate one learner."""
+        """Evaluate one learner, and return it with its trials."""
         run = self._out / "runs" / learner.name
 
         def evaluate(tell: OnWork) -> dict[str, Any]:
@@ -343,7 +351,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return the output of a stage, from its file if it was completed with the same inputs, else by running it."""
+        """Return the output of a stage. The stage is only run if it was not completed with the same inputs before."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:
@@ -366,7 +374,7 @@ class _Study:
         return self._out / STAGES / f"{kind}-{name}.json"
 
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
-        """Return the record of a stage that was completed with these inputs, or None."""
+        """Return the content of a stage's file, or None if the stage was not completed with the given inputs."""
         path = self._marker(kind, name)
         there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
@@ -377,7 +385,7 @@ class _Study:
             write_durably(path, (json.dumps(sealed_form(asdict(done)), indent=1) + "\n").encode())
 
     def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
-        """Return the output of a complete stage, adding its duration to the total."""
+        """Return the output of a complete stage, and add its duration to the total."""
         there = self._there(kind, name, inputs)
         if there is None:
             raise AssertionError(f"{kind} {name} is done")
@@ -386,12 +394,12 @@ class _Study:
 
 
 def _asked_name(about: str, questions: int) -> str:
-    """Return the name of a question set, distinct from all names of demonstration sets."""
+    """Return a name for a question set that differs from the names of all demonstration sets."""
     return f"{about}-{questions}-questions"
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return a set's conditions with task versions, because a changed task needs a new set."""
+    """Return the conditions of a demonstration set and the versions of its tasks. A changed task needs a new set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
@@ -402,7 +410,10 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path, kind: str) -> _Done | None:
-    """Read the record in a stage's file; None if an earlier version wrote it, so that the stage is checked again."""
+    """Read the file that marks a complete stage.
+
+    Return None if an earlier version wrote the file, so that the stage is checked again.
+    """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
     if "version" not in form:

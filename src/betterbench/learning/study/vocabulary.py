@@ -1,7 +1,8 @@
-"""Words, object categories and colors in a variation that a learner has never seen.
+"""Words, object categories and colors of a variation that a learner has never seen in training.
 
-A learner maps all unknown entries to the same index. A failure with unknown entries shows missing knowledge rather than
-a shortcut, so variations without unknown entries are also counted separately.
+A learner maps all unknown words, categories and colors to the same index. If a variation contains such unknown entries,
+a failure shows missing knowledge rather than a shortcut. The results on variations without unknown entries are
+therefore also reported separately.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[str, ...]:
-    """Return a variation's words, categories and colors, in this order, that no condition of the regimes contains."""
+    """Return the words, categories and colors of a variation that are not in any condition of the given regimes.
+
+    A regime is a training distribution.
+    """
     return _missing(regimes, task, [resolve_condition(task, variation).condition])
 
 
 def never_shown_before(regimes: Iterable[Regime], task: str, later: Iterable[Regime]) -> tuple[str, ...]:
-    """Return the words, categories and colors that occur in later regimes but in no condition of earlier ones."""
+    """Return the words, categories and colors that the later training distributions add to the earlier ones."""
     return _missing(regimes, task, _conditions(later, task))
 
 

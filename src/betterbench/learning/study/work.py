@@ -1,4 +1,4 @@
-"""Operations that a study delegates: creating demonstrations, and training, evaluating and diagnosing learners."""
+"""Work that a study delegates: making demonstrations, and training, evaluating and diagnosing learners."""
 
 from __future__ import annotations
 
@@ -23,23 +23,24 @@ from betterbench.vqa import SetOptions
 from betterbench.vqa import make_set as make_question_set
 
 QUESTIONS = SetOptions(cameras=("front",), quality="fast")
-"""Options of the questions about a set's demonstrations. They use one camera, because questions do not name cameras."""
+"""Options of the question sets about demonstrations. They use one camera, because the questions do not name the camera.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Workshop:
-    """Functions that perform the work of a study; each resumes where it was interrupted.
+    """Functions that do the work of a study. Each of them resumes where it stopped.
 
     Attributes:
-        make_set: Creates the set of a recipe in a folder and returns its hash.
-        require_questions: Raises an error for a recipe whose question sets are about other demonstrations.
-        ask: Creates approximately a given number of questions about a set's demonstrations in a folder, and
-            returns their hash.
+        make_set: Makes the demonstration set of a recipe in a folder, and returns its hash.
+        require_questions: Raises an error if the question sets of a recipe are about other demonstrations.
+        ask: Makes approximately the given number of questions about a set's demonstrations in a folder, and returns
+            their hash.
         train: Trains learners, several of them in parallel.
-        evaluate: Evaluates a policy on a task in a folder, with a given number of trials per variation, and diagnoses
-            it. Raises an error if its weights do not match its digest.
-        threads: Total number of threads used by learners trained in parallel.
-        require_set: Raises an error if the set in a folder does not match a hash.
+        evaluate: Evaluates a policy on a task in a folder, with the given number of trials per variation, and diagnoses
+            the trials. Raises an error if the weights do not match their digest.
+        threads: Total number of threads for learners that are trained in parallel.
+        require_set: Raises an error if the demonstration set in a folder does not match a hash.
     """
 
     make_set: Callable[[SetRecipe, Path, OnWork], str]
@@ -52,7 +53,10 @@ class Workshop:
 
 
 def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
-    """Return the workshop of this machine. Raises MissingDependencyError if torch is not installed."""
+    """Return the functions that do the work on this machine.
+
+    Raises MissingDependencyError if torch is not installed.
+    """
     require_torch("better study")
 
     def make_set(recipe: SetRecipe, out: Path, tell: OnWork) -> str:
@@ -83,7 +87,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
 
         policy.require()
         run = evaluate(plan, out, workers=workers, on_progress=on_progress)
-        policy.require()  # check again, because the workers read the file during the run
+        policy.require()  # checked again, because the workers read the file during the run
         _require_evaluated(run, policy)
         found = diagnose_run(run, on_progress=lambda done, of: tell(done, of, "diagnosis"))
         stored.store_diagnosis(run, found)
@@ -92,27 +96,27 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
     def trained(jobs: Sequence[TrainingJob], tell: OnWork) -> tuple[TrainedPolicy, ...]:
         return train_learners(jobs, device, tell, workers=workers)
 
-    # On a GPU, parallel learners would only take turns.
+    # On a GPU, learners that are trained in parallel would only take turns.
     threads = workers if device == "cpu" else 1
     return Workshop(make_set, require_questions, asked, trained, evaluated, threads, _require_set)
 
 
 def _require_set(place: Path, sha256: str) -> None:
-    """Raise RecordError if a set's demonstrations have changed since it was made."""
+    """Raise RecordError if the demonstrations of a set have changed since it was made."""
     if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
         raise RecordError(
-            f"{place}: contains demonstrations that this study did not create. Restore the original set, or run a new "
-            "study in another folder; nothing was deleted."
+            f"{place}: the set contains demonstrations that this study did not make. Restore the original set, or run "
+            "a new study in another folder. Nothing was deleted."
         )
 
 
 def _require_evaluated(run: RunFolder, policy: TrainedPolicy) -> None:
-    """Raise RecordError if a run did not use a learner's weights, or does not state its weights."""
+    """Raise RecordError if a run used other weights than those of the learner, or does not state its weights."""
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     checkpoint = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if checkpoint != f"sha256 {policy.digest}" or run.context.get("policy_changes"):
         raise RecordError(
-            f"{run.path}: does not use the weights of {policy.address} trained by this study. Move the folder "
-            f"elsewhere and run the same command again to evaluate them."
+            f"{run.path}: this run did not use the weights of {policy.address} that the study trained. Rename or "
+            f"delete the folder, and run the same command again to evaluate these weights."
         )

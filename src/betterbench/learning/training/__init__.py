@@ -1,1 +1,1 @@
-"""Training of learned policies on demonstrations: data, batches, the loop, validation and curves."""
+"""Training of policies on demonstrations: data, batches, the training loop, validation and curves."""

@@ -1,7 +1,9 @@
-"""Adapter that lets ``better vlm`` query a co-trained learner about recorded frames.
+"""Adapter with which ``better vlm`` asks a co-trained learner about recorded frames.
 
-The learner must belong to the family ``objects``. Instead of a question's image, it gets the recorded state of that
-frame (see :mod:`betterbench.learning.training.own_answers`). It gives the most likely of the allowed answers.
+A co-trained learner is a policy that was also trained to answer questions. It must belong to the family ``objects``.
+Instead of the image that a question is about, it receives the recorded state of that frame (see
+:mod:`betterbench.learning.training.own_answers`). The learner's answer is the most likely of the answers that the
+question allows.
 """
 
 from __future__ import annotations
@@ -28,22 +30,22 @@ _KEPT_RECORDS = 8
 class LearnerModel:
     """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
 
-    Questions are looked up by image and prompt, because a model receives nothing else. If two options are in the same
-    cell of the image, the learner cannot distinguish them. One of them is then chosen by a hash of the question, which
-    is right half of the time.
+    A model receives only an image and a prompt, so the question and its recorded state are looked up by these. If two
+    options lie in the same cell of the image, the learner cannot tell them apart. One of the two is then chosen by a
+    hash of the question, which is correct in half of the cases.
     """
 
     def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
-        """Index the questions of a set and the records that they are about.
+        """Index the questions of a set, and the records that the questions are about.
 
         Args:
-            name: Name in tables.
+            name: Name of the learner in tables.
             learner: The learner.
-            asked: The set.
-            run: Run with the records of the set's frames.
+            asked: The question set.
+            run: Run that contains the records of the frames.
 
         Raises:
-            InvalidInputError: If the learner has no answers or uses images, or the set is about other records.
+            InvalidInputError: If the learner cannot answer questions or uses images, or the set is about other records.
         """
         require_answers(learner, "--model")
         asked.require_about(run)
@@ -51,7 +53,7 @@ class LearnerModel:
         other = next((q.source.trial for q in asked.questions if str(q.source.trial) not in planned), None)
         if other is not None:
             problem = f"{run.path} has no trial {other}, but {asked.path} has questions about it"
-            raise InvalidInputError("--records", problem, "Give the run from which better vqa created the set")
+            raise InvalidInputError("--records", problem, "Use the run from which better vqa made the set")
         self.name = name
         self._learner = learner
         self._number = {answer: i for i, answer in enumerate(learner.trained.vocabulary.answers)}
@@ -70,12 +72,13 @@ class LearnerModel:
         """Return the answer to a question of the set, in the form that its prompt requests.
 
         Raises:
-            RefusedError: If the set has no such question, or none of its possible answers occurred in training.
+            RefusedError: If the set does not contain the question, or none of its possible answers occurred in
+                training.
         """
         found = self._questions.get(_digest(pictures[0]), ()) if pictures else ()
         question = next((q for q in found if prompt.startswith(q.prompt)), None)
         if question is None:
-            raise RefusedError("the learner answers only the questions of the set, with unchanged images")
+            raise RefusedError("the learner can only answer the questions of the set, with unchanged images")
         known = [(text, self._number[name]) for text, name in _possible(question) if name in self._number]
         if not known:
             raise RefusedError(f"none of the answers to {question.id} occurred in training")
@@ -91,7 +94,7 @@ def _digest(picture: bytes) -> str:
 
 
 def _possible(question: Question) -> list[tuple[str, str]]:
-    """Return the possible answers to a question, each with the text in the requested form and the learner's class."""
+    """Return the possible answers to a question, each as the text to reply and the learner's answer class."""
     if question.form is Form.CHOICE:
         return [(letter(i), option_class(text, question.width)) for i, text in enumerate(question.options)]
     if question.form is Form.YES_NO:
@@ -103,7 +106,7 @@ def _possible(question: Question) -> list[tuple[str, str]]:
 
 
 def _place(question: Question, column: int, row: int) -> str:
-    """Return a cell as the answer to a question about a point (the middle of the cell) or a box [pixel]."""
+    """Return an image cell as an answer in pixels: its center if the question asks for a point, otherwise its box."""
     across, down = question.width / CELLS, question.height / CELLS
     if question.form is Form.POINT:
         return f"[{(column + 0.5) * across:g}, {(row + 0.5) * down:g}]"

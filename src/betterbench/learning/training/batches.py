@@ -1,4 +1,4 @@
-"""Training batches. They depend only on seed and step, so that training can be resumed."""
+"""Batches of training data. A batch depends only on the seed and the step, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.policies.learned.recipe import TrainingRecipe
 
 
 class Batches:
-    """Sampler of batches from a training set, with its frames as tensors on a device."""
+    """Sampler of batches from a training set, whose frames are stored as tensors on a device."""
 
     def __init__(self, data: TrainingSet, recipe: TrainingRecipe, device: str) -> None:
         self._recipe = recipe
@@ -33,21 +33,42 @@ class Batches:
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the frames of a step for one of several processes."""
+        """Draw the frames for a training step.
+
+        If several processes train together, return only the frames for one of them.
+
+        Args:
+            step: Index of the step.
+            rank: Index of the process.
+            world: Number of processes.
+        """
         found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
 
     def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the questions of a step for one of several processes."""
+        """Draw the questions for a training step.
+
+        If several processes train together, return only the questions for one of them.
+
+        Args:
+            step: Index of the step.
+            rank: Index of the process.
+            world: Number of processes.
+        """
         chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
         found: np.ndarray = self._to_ask[chosen]
         return found[rank::world]
 
     def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
-        """Return a batch of questions, with their observations and the correct answers."""
+        """Return a batch of questions with the observations that belong to them and the correct answers.
+
+        Args:
+            chosen: Indices of the questions.
+            training: Whether to augment the observations.
+        """
         asked = self._questions
         if asked is None:
-            raise AssertionError("questions need co-training")
+            raise AssertionError("the recipe has no co_training, so there are no questions")
         at = torch.from_numpy(chosen).to(self._device)
         held = self._asked
         common = {"words": held["words"][at], "tools": held["tools"][at]}
@@ -64,7 +85,15 @@ class Batches:
         return AskedBatch(shown, held["answers"][at])
 
     def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
-        """Return observations, action chunks (B, chunk, 7), and the mask of valid actions (B, chunk) of frames."""
+        """Return a batch of training data for the given frames.
+
+        Args:
+            frames: (B,) indices of the frames.
+            training: Whether to augment the observations.
+
+        Returns:
+            Observations, action chunks (B, chunk, 7), and a mask of the valid actions (B, chunk).
+        """
         held, recipe = self._held, self._recipe
         at = torch.from_numpy(frames).to(self._device)
         episode = held["episodes"][at]
@@ -84,7 +113,7 @@ class Batches:
         return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
 
     def _pictures(self, store: FrameStore, numbers: np.ndarray, *, training: bool) -> Tensor:
-        """Return the images of frames, (B, views, size, size, 3) uint8, randomly shifted during training."""
+        """Return the images of frames, (B, views, size, size, 3) uint8. During training, they are shifted at random."""
         shifts, most = None, self._recipe.augmentation.shift_px
         if training and most:
             views = len(self._recipe.eyes.windows)
@@ -92,7 +121,7 @@ class Batches:
         return torch.from_numpy(store.read(numbers, shifts)).to(self._device)
 
     def _augment(self, shown: ShownBatch) -> None:
-        """Augment the observations according to the recipe, with torch's generator."""
+        """Augment observations in place as the recipe requests, using torch's random generator."""
         recipe, batch = self._recipe, len(shown.words)
         own, other = recipe.proprioception, recipe.augmentation
         if own.noise_m:
@@ -113,15 +142,15 @@ class Batches:
 
 
 def _stream(seed: int, step: int, what: int) -> np.random.Generator:
-    """Return a random generator for one purpose and step, independent of all others."""
-    # The counter of a Philox generator gives each step an independent stream without computing earlier ones.
+    """Return a random generator for one purpose and one training step. It is independent of all other generators."""
+    # With the step in the counter of a Philox generator, the streams of earlier steps need not be computed.
     return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, what, step]))
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return frame indices in which frames at gripper changes are repeated according to their weight.
+    """Return indices of the frames around gripper changes, repeated as often as their weight in the recipe requires.
 
-    Fractional weights are spread evenly.
+    If the weight is not an integer, some of these frames, spread evenly, are repeated once more than the others.
     """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0

@@ -1,4 +1,4 @@
-"""Training logs: CSV tables, whose bytes do not depend on interruptions, and SVG curves."""
+"""Logs of a training run: tables as CSV, and curves as SVG. Interruptions do not change the CSV files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class LossRow:
 Row = TypeVar("Row", LossRow, PhaseError, Rollout, AnswerRate)
 
 ANSWERS_NAME = "answers.csv"
-"""Name of the co-training table, with correct answers to questions about held-out demonstrations."""
+"""Name of the co-training table, which counts the correct answers to questions about held-out demonstrations."""
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 720, 300, 60, 40, 30
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -39,7 +39,7 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 
 @dataclass(slots=True)
 class Log:
-    """Log tables of a training, in step order."""
+    """Tables that log a training run. Their rows are in the order of the training steps."""
 
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)
@@ -48,9 +48,10 @@ class Log:
 
     @classmethod
     def read(cls, out: Path, until: int) -> Log:
-        """Read the tables of a folder up to a step.
+        """Read the tables in a training folder up to a step.
 
-        Rows after that step are dropped, because an interrupted training may have logged beyond its last saved state.
+        Rows after that step are dropped, since an interrupted training run may have logged steps after its last saved
+        state.
         """
         return cls(
             _read(out / "loss.csv", LossRow, until),
@@ -60,7 +61,7 @@ class Log:
         )
 
     def write(self, out: Path) -> None:
-        """Write tables and curves. Raises StorageError if the disk is full."""
+        """Write the tables and the curves into a folder. Raises StorageError if the disk is full."""
         with on_disk(out):
             write_durably(out / "loss.csv", _table(LossRow, self.losses))
             write_durably(out / "validation.csv", _table(PhaseError, self.errors))
@@ -70,7 +71,7 @@ class Log:
             write_durably(out / "curves.svg", self.svg().encode())
 
     def digest(self) -> str:
-        """Return a SHA-256 of the tables."""
+        """Return the SHA-256 of all tables."""
         whole = hashlib.sha256(_table(LossRow, self.losses))
         whole.update(_table(PhaseError, self.errors))
         whole.update(_table(Rollout, self.rollouts))
@@ -78,7 +79,7 @@ class Log:
         return whole.hexdigest()
 
     def svg(self) -> str:
-        """Return a chart of the loss, and below it a chart of the errors on held-out demonstrations by phase."""
+        """Return two charts as SVG: the training loss, and below it the errors on held-out demonstrations by phase."""
         loss = {"loss": [(row.step, row.loss) for row in self.losses]}
         phases = dict.fromkeys(row.phase for row in self.errors)
         errors = {p: [(row.step, row.translation_mm) for row in self.errors if row.phase == p] for p in phases}
@@ -96,7 +97,7 @@ class Log:
 
 
 def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) -> list[str]:
-    """Return the SVG elements of a chart that starts ``down`` pixels below the top of the drawing."""
+    """Return the SVG elements of a chart that begins ``down`` pixels below the top of the drawing."""
     points = [point for found in series.values() for point in found]
     last = max((x for x, _ in points), default=1) or 1
     most = max((y for _, y in points), default=1.0) * 1.05 or 1.0
@@ -141,14 +142,14 @@ _READERS: Mapping[str, Callable[[str], Any]] = {
 
 
 def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
-    """Return the rows of a table up to a step. Raises RecordError if it cannot be read."""
+    """Read the rows of a table up to a step. Raises RecordError if the table cannot be read."""
     try:
         readers = [_READERS[str(f.type)] for f in fields(kind)]
         cells = [*csv.reader(read_ordinary(path).decode().splitlines())][1:]
         rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in cells]
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise RecordError(
-            f"{path}: cannot be read ({error}). Restore it from an intact copy, or train in another folder; the "
-            f"weights in this one are kept."
+            f"{path}: the table cannot be read ({error}). Restore it from an intact copy, or train in another folder. "
+            f"The weights in this folder are kept."
         ) from error
     return [row for row in rows if row.step <= until]

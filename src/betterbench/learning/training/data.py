@@ -31,35 +31,36 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
-"""Phases of a demonstration, by the activity of the gripper."""
+"""Phases of a demonstration, which are defined by the activity of the gripper."""
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
-"""Motion of pose and fingers [m] and rotation [rad] per control step below which a demonstrator is pausing."""
+"""A demonstrator is pausing while tool and fingers move by less than this distance [m] and angle [rad] per step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """The concatenated frames of all demonstrations: F frames from E episodes with at most n objects.
+    """Frames of all demonstrations, concatenated. There are F frames from E episodes with at most n objects each.
 
     Attributes:
-        vocabulary: Words, categories and colors of the training demonstrations.
-        trials: The trial of each episode.
-        sha256: Hash over the records.
-        words: (E, w) int64; ABSENT after the last word.
-        sizes: (E, n, 3) float32 [m]; zero for missing objects.
-        categories: (E, n) int64; ABSENT for missing objects.
-        colors: (E, n) int64.
-        held_out: (E,) bool mask of validation episodes.
-        tools: (F, 10) float32.
-        poses: (F, n, 9) float32.
+        vocabulary: Words, categories and colors that occur in the training demonstrations.
+        trials: Trial of each episode.
+        sha256: Hash of the records.
+        words: (E, w) int64 words of the instruction; ABSENT after the last word.
+        sizes: (E, n, 3) float32 object sizes [m]; zero for missing objects.
+        categories: (E, n) int64 object categories; ABSENT for missing objects.
+        colors: (E, n) int64 object colors.
+        held_out: (E,) bool mask of the validation episodes.
+        tools: (F, 10) float32 tool pose and gripper opening.
+        poses: (F, n, 9) float32 object poses.
         actions: (F, 7) float32 in ``ee_delta``, with gripper commands of -1 or +1.
-        episodes: (F,) int64 episode of each frame.
-        first: (E,) int64 first frame of each episode.
-        last: (E,) int64 last frame of each episode.
+        episodes: (F,) int64 index of each frame's episode.
+        first: (E,) int64 index of each episode's first frame.
+        last: (E,) int64 index of each episode's last frame.
         phases: (F,) int64 indices into :data:`PHASES`.
-        at_gripper: (F,) bool mask of frames with a gripper change in their chunk.
-        shown: (F,) bool mask of frames used as observations; other frames occur only in action chunks. None for all.
-        frames_of: Images of the shown frames, in order. None for the family ``objects``.
+        at_gripper: (F,) bool mask of the frames whose action chunk contains a gripper change.
+        shown: (F,) bool mask of the frames that are used as observations; other frames only occur in action chunks.
+            None if all frames are used.
+        frames_of: Images of the frames in ``shown``, in order. None for the family ``objects``.
         questions: Questions about the demonstrations; None without co-training.
     """
 
@@ -84,12 +85,12 @@ class TrainingSet:
     questions: TrainingQuestions | None = None
 
     def frames(self, *, held_out: bool) -> np.ndarray:
-        """Return the frame indices of the training or the held-out demonstrations, int64."""
+        """Return the indices (int64) of the frames in the training demonstrations or in the held-out demonstrations."""
         found = self.held_out[self.episodes] == held_out
         return np.flatnonzero(found if self.shown is None else found & self.shown)
 
     def asked(self, *, held_out: bool) -> np.ndarray:
-        """Return the question indices of the training or the held-out demonstrations, int64."""
+        """Return the indices (int64) of the questions about the training demonstrations or about the held-out ones."""
         if self.questions is None:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(self.held_out[self.questions.episodes] == held_out)
@@ -111,14 +112,18 @@ def read_training_set(
     workers: int = 1,
     on_drawn: OnCount | None = None,
 ) -> TrainingSet:
-    """Read a recipe's demonstrations and questions; for the family ``pixels``, also render missing frames.
+    """Read the demonstrations and questions of a recipe.
+
+    For the family ``pixels``, also render images that are missing.
 
     Args:
         recipe: The recipe.
-        on_read: Called after each record.
-        frames: Folder of the frames. By default, a folder next to each data folder, with the suffix ``.frames``.
+        on_read: Called after each record with the number of records read so far and the total number.
+        frames: Folder for the rendered images. The default is a folder next to each data folder, with the suffix
+            ``.frames``.
         workers: Number of rendering processes.
-        on_drawn: Called after rendering each demonstration.
+        on_drawn: Called after each rendered demonstration with the number of demonstrations so far and the total
+            number.
 
     Raises:
         RunConflictError: If a folder is not a run.
@@ -126,14 +131,14 @@ def read_training_set(
         UnknownNameError: If no run has a requested task.
         InvalidInputError: If no demonstrations are left, a record has another action space, or no question is about a
             demonstration.
-        StorageError: If the disk has no space for the frames; finished ones are kept.
+        StorageError: If the disk has no space for the images. Images that are already complete are kept.
     """
     runs, chosen = _chosen(recipe)
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
     episodes = list(_episodes(runs, chosen, recipe.longest_pause, on_read))
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError(
-            "validation", "all demonstrations are held out", "Give more demonstrations, or validation: 0"
+            "validation", "all demonstrations are held out", "Use more demonstrations, or set validation: 0"
         )
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
     asked = _asked(recipe, chosen)
@@ -166,10 +171,11 @@ def read_training_set(
 
 
 def require_questions(recipe: TrainingRecipe) -> None:
-    """Check that a recipe's question sets are about its demonstrations, without reading the demonstrations.
+    """Check that the question sets of a recipe are about its demonstrations, without reading the demonstrations.
 
     Raises:
-        BetterError: The errors of :func:`read_training_set`, if they are not.
+        BetterError: If a question set is not about the demonstrations. The types of error are those of
+            :func:`read_training_set`.
     """
     _asked(recipe, _chosen(recipe)[1])
 
@@ -198,13 +204,16 @@ def _episodes(
 
 
 def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
-    """Return the training set with its rendered images."""
+    """Return the training set with the rendered images added."""
     digest = hashlib.sha256(f"{data.sha256} {drawn.sha256}".encode()).hexdigest()
     return replace(data, sha256=digest, frames_of=drawn)
 
 
 def run_folder(place: Path) -> Path:
-    """Return the run inside a ``better dataset`` folder, or the folder itself."""
+    """Return the run folder with the demonstrations if the given folder is a training set of ``better dataset``.
+
+    Any other folder is returned unchanged.
+    """
     return place / "demonstrations" if (place / "dataset.json").is_file() else place
 
 
@@ -214,18 +223,21 @@ def _frames_beside(place: str) -> Path:
 
 
 def _opened(place: str) -> RunFolder:
-    """Open the run at a path of a recipe."""
+    """Open the run at a path that the recipe names."""
     folder = run_folder(Path(place))
     if not place or not (folder / "run.json").is_file():
         problem = f"{place!r} contains no demonstrations"
         raise InvalidInputError(
-            "data", problem, "Give folders of better dataset, or runs of collect, amplify or teleop"
+            "data", problem, "Use folders of better dataset, or runs of better collect, amplify or teleop"
         )
     return RunFolder.open(folder)
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
-    """Return at most a given number of demonstrations per condition, lowest seeds first."""
+    """Return at most ``most`` demonstrations per condition, preferring low seeds.
+
+    If ``most`` is None, return all of them.
+    """
     by_condition = defaultdict(list)
     for demonstration in chosen:
         by_condition[demonstration.trial.task, demonstration.trial.condition].append(demonstration)
@@ -233,22 +245,23 @@ def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]
 
 
 def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
-    """Return the actions that a demonstrator intended, before noise was added, (n_steps, 7)."""
+    """Return the executed actions without the noise that was added to them, as an (n_steps, 7) array."""
     space = record.metadata.action_space
     if space != EE_DELTA.name:
         where = f"{run}: {trial}"
-        problem = f"its action space is {space!r}, but learners use {EE_DELTA.name!r}"
-        raise InvalidInputError(where, problem, f"Record it with --action-space {EE_DELTA.name}")
+        problem = f"its action space is {space!r}, but training needs {EE_DELTA.name!r}"
+        raise InvalidInputError(where, problem, f"Record the demonstrations with --action-space {EE_DELTA.name}")
     meant = actions_in(record, EE_DELTA)
     meant[:, -1] = np.sign(commands(meant[:, -1]))
     return meant
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record used for training, int64, keeping only the first ``most`` rows of each pause.
+    """Return the indices (int64) of the rows of a record that are used for training.
 
-    A demonstrator is pausing while neither the commanded pose nor the fingers change. A single state does not show how
-    long a pause has lasted, so a learner would prolong pauses, possibly forever.
+    The demonstrator is pausing while neither the commanded pose nor the fingers change. Only the first ``most`` rows of
+    each pause are used. A single state does not show how long a pause has lasted, so a policy that was trained on long
+    pauses would prolong them, possibly forever.
     """
     if most is None or record.n_steps == 0:
         return np.arange(record.n_steps)
@@ -269,7 +282,7 @@ def _joined(
     recipe: TrainingRecipe,
     asked: AskedQuestions | None,
 ) -> TrainingSet:
-    """Return the concatenated arrays of all episodes."""
+    """Concatenate the arrays of all episodes."""
     apart = np.array([e.trial.seed in held_out for e in episodes])
     trained = [e.record.metadata for e, out in zip(episodes, apart, strict=True) if not out]
     vocabulary = Vocabulary.of(
@@ -308,7 +321,10 @@ def _joined(
 
 
 def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
-    """Return the vocabulary of the initial checkpoint, after checking that it covers the data."""
+    """Return the vocabulary of the initial checkpoint.
+
+    Check that it contains all words, categories and colors of the data.
+    """
     from betterbench.policies.learned.checkpoint import checkpoint_file, read_vocabulary  # noqa: PLC0415 - needs torch
 
     known = read_vocabulary(checkpoint_file(start))
@@ -320,15 +336,17 @@ def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
         strange = sorted(set(ours) - set(theirs))
         if strange:
             problem = f"its vocabulary lacks the {what} {strange[0]!r} of the data"
-            raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained with all of them")
+            raise InvalidInputError(
+                f"start: {start}", problem, "Start from a checkpoint whose training data contain all of them"
+            )
     if known.answers != shown.answers:
         problem = "its answers differ from those of co_training"
-        raise InvalidInputError(f"start: {start}", problem, "Give one with the same co_training")
+        raise InvalidInputError(f"start: {start}", problem, "Start from a checkpoint with the same co_training")
     return known
 
 
 def _padded(values: np.ndarray, most: int) -> np.ndarray:
-    """Return values of objects or words, (n, ...), padded with zeros."""
+    """Pad the values of objects or words, (n, ...), with zeros to the length ``most``."""
     filled = np.zeros((most, *values.shape[1:]), dtype=values.dtype)
     filled[: len(values)] = values
     return filled
@@ -348,7 +366,10 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return the phase of each frame, from the record's stored segments or segments derived from its states."""
+    """Return the phase of each frame: the skill that is executed, or the motion between two skills.
+
+    The skills are taken from the record. If the record does not contain them, they are computed from its states.
+    """
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -360,7 +381,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return a mask of the frames whose action chunk contains a gripper change, (n,) bool."""
+    """Return an (n,) bool mask of the frames whose action chunk contains a gripper change."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True
@@ -368,10 +389,10 @@ def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
 
 
 def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
-    """Return the mean and scale of tool poses, object positions and actions over the training frames, float32.
+    """Return the mean and the scale of tool poses, object positions and actions over the training frames, float32.
 
-    The 1st and 99th percentiles of actions are mapped to [-1, 1]. Scales have lower limits, so that nearly constant
-    values are not amplified.
+    For actions, the mean and the scale map the 1st and 99th percentiles to -1 and 1. The scales have lower limits, so
+    that values that are nearly constant are not amplified.
     """
     frames = data.frames(held_out=False)
     tools, actions = data.tools[frames].astype(np.float64), data.actions[frames].astype(np.float64)
@@ -392,5 +413,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return the number of epochs, which is the mean number of times that training uses a frame."""
+    """Return the number of epochs, i.e. how many times training uses each frame on average."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))

@@ -1,8 +1,8 @@
-"""Frames of demonstrations for learners of the ``pixels`` family, rendered once and stored next to the data.
+"""Images of demonstrations for policies of the ``pixels`` family. They are rendered once and stored next to the data.
 
 One file contains the frames of one demonstration. Its name depends on the record, the views, the render preset and the
 rows. Files are written atomically, so that rendering can be resumed, and their bytes do not depend on the number of
-workers. Frames are read individually from memory-mapped files, so that the system can release the memory.
+workers. Frames are read one by one from memory-mapped files, so that the operating system can release the memory.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from betterbench.records import Record, RunFolder
 from betterbench.records.compressed import pack_block, unpack_block
 
 FRAMES_VERSION = 1
-"""Version of the rendering of records as frames, and of the frame files."""
+"""Version of the frame files and of how records are rendered."""
 SUFFIX = ".frames"
-"""Suffix of the frame folder, after the name of the demonstration folder."""
+"""Suffix of the folder with frame files, after the name of the demonstration folder."""
 
 _MAX_HEADER = 1 << 16
 _ITSELF, _DIFFERENCE = 0, 1
 _INDEX_NUMBERS = (
-    3  # start and end of an image, and whether it is stored as a difference from the first image of its view
+    3  # start and end of an image in the file, and whether only its difference to the view's first image is stored
 )
 
 
@@ -56,10 +56,10 @@ class WantedFrames:
 
     Attributes:
         run: Run of the demonstration.
-        record: Demonstration record.
-        digest: SHA-256 of the record's file.
+        record: Record of the demonstration.
+        digest: SHA-256 of the record file.
         rows: (n,) rows of the record to render.
-        folder: Folder of the frame file.
+        folder: Folder for the frame file.
     """
 
     run: RunFolder
@@ -69,7 +69,7 @@ class WantedFrames:
     folder: Path
 
     def file(self, eyes: Eyes) -> Path:
-        """Return the path of the frame file."""
+        """Return the path of the frame file for the given views."""
         rows = hashlib.sha256(self.rows.astype("<i8").tobytes()).hexdigest()
         told = {"version": FRAMES_VERSION, "record": self.digest, "eyes": _form(eyes), "rows": rows}
         return self.folder / f"{hashlib.sha256(dump_json(told)).hexdigest()[:32]}.bin"
@@ -78,13 +78,13 @@ class WantedFrames:
 def drawn_frames(
     wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnCount | None = None
 ) -> FrameStore:
-    """Return the frames of the demonstrations in order, after rendering missing or damaged files.
+    """Return the frames of several demonstrations in order. Files that are missing or damaged are rendered first.
 
     Raises:
         RecordError: If a stored scene is missing or unreadable.
         RunConflictError: If another process renders into the same folder.
-        StorageError: If the disk is full; finished frames are kept.
-        MissingDependencyError: If no off-screen OpenGL is available.
+        StorageError: If the disk is full. Files that are already complete are kept.
+        MissingDependencyError: If off-screen OpenGL is not available.
     """
     files = [item.file(eyes) for item in wanted]
     there = {file: found for file in files if (found := _EpisodeFrames.open(file)) is not None}
@@ -112,20 +112,21 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 
     for folder in sorted({file.parent for file in missing}):
         with job_folder(folder, waits=TrainingProcesses.here().size > 1):
-            # another process of the same training may have rendered them while this one waited for the lock
+            # Another process of the same training run may have rendered files while this process waited for the lock.
             inside = [file for file in missing if file.parent == folder]
             waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
             yield from range(len(inside) - len(waiting))
-            # consecutive frames share a scene: opening one takes longer than rendering an image
+            # Demonstrations with the same scene are rendered in a row, since opening a scene takes a long time.
             waiting.sort(key=lambda file: (missing[file].record.metadata.scene_hash, file))
             yield from in_threads(waiting, draw, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality))
 
 
 def frames_bytes(frames: np.ndarray) -> bytes:
-    """Encode frames, (n, views, size, size, 3) uint8, as a frame file.
+    """Return the content of a frame file for frames, (n, views, size, size, 3) uint8.
 
-    Each image is compressed separately. If that is shorter, its difference to the first image of its view, modulo 256,
-    is compressed instead, as for a static camera.
+    Each image is compressed separately. If the difference between the image and the first image of the same view
+    (modulo 256) takes less space when compressed, the difference is stored instead. This is usually the case for a
+    static camera.
     """
     rows, views = frames.shape[:2]
     index = np.zeros((rows, views, _INDEX_NUMBERS), "<i8")
@@ -159,7 +160,7 @@ class _EpisodeFrames:
 
     @classmethod
     def open(cls, path: Path) -> _EpisodeFrames | None:
-        """Open a frame file; return None if it is missing or damaged."""
+        """Open a frame file. Return None if it is missing or damaged."""
         try:
             with open_ordinary(path) as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
@@ -182,7 +183,7 @@ class _EpisodeFrames:
             return None
 
     def into(self, row: int, out: np.ndarray) -> None:
-        """Write the images of a row into ``out``, (views, size, size, 3)."""
+        """Write the images of a row into the array ``out``, (views, size, size, 3)."""
         for view in range(self.shape[1]):
             out[view] = _picture(self.blocks, self.index[row, view], self.first[view], self.shape)
 
@@ -196,17 +197,17 @@ _Colors = Annotated[int, Field(ge=3, le=3)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """Header of a frame file; its shape is (rows, views, size, size, 3)."""
+    """Header of a frame file. The shape is (rows, views, size, size, 3)."""
 
     version: Literal[1]  # FRAMES_VERSION
     shape: tuple[_Rows, _Count, _Size, _Size, _Colors]
     sha256: str
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for images that are not square."""
+        """Raise InvalidInputError if the images are not square."""
         if self.shape[2] != self.shape[3]:
             raise InvalidInputError(
-                "shape", f"has images of {self.shape[2]} x {self.shape[3]} pixels", "Use square images"
+                "shape", f"the images have {self.shape[2]} x {self.shape[3]} pixels", "Use square images"
             )
 
 
@@ -216,7 +217,7 @@ _HEADER = TypeAdapter(_Header)
 def _opened(file: Path) -> _EpisodeFrames:
     found = _EpisodeFrames.open(file)
     if found is None:
-        raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to render them.")
+        raise RecordError(f"{file}: the frames are missing or damaged. Run the same command again to render them.")
     return found
 
 
@@ -228,23 +229,25 @@ def _picture(blocks: memoryview, entry: np.ndarray, first: np.ndarray | None, sh
 
 
 class FrameStore:
-    """The concatenated frames of several demonstrations, with random access.
+    """The frames of several demonstrations, concatenated and readable in any order.
 
     Attributes:
-        sha256: Hash over all frames.
-        first: (E + 1,) index of the first frame of each demonstration, followed by the number of frames.
+        sha256: Hash of all frames.
+        first: (E + 1,) index of each demonstration's first frame, followed by the total number of frames.
     """
 
     def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
         if len({e.shape[1:] for e in episodes}) > 1:
-            raise InvalidInputError("frames", "have different shapes", "Give the frames of one recipe")
+            raise InvalidInputError(
+                "frames", "the files have images of different shapes", "Use only frames that were made for one recipe"
+            )
         self._episodes = tuple(episodes)
         self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
         self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()
 
     @classmethod
     def open(cls, files: Sequence[Path]) -> FrameStore:
-        """Open frame files in order. Raises RecordError if one is missing or damaged."""
+        """Open frame files in the given order. Raises RecordError if a file is missing or damaged."""
         return cls([_opened(file) for file in files])
 
     def __len__(self) -> int:
@@ -256,12 +259,12 @@ class FrameStore:
         return sum(episode.path.stat().st_size for episode in self._episodes)
 
     def read(self, numbers: np.ndarray, shifts: np.ndarray | None = None) -> np.ndarray:
-        """Return frames, (B, views, size, size, 3) uint8.
+        """Read frames, as a (B, views, size, size, 3) uint8 array.
 
         Args:
             numbers: (B,) indices of the frames.
-            shifts: (B, views, 2) shift of each image down and to the right [pixel], where edges are repeated. None for
-                no shift.
+            shifts: (B, views, 2) shift of each image down and to the right [pixel]. Pixels at the edge are repeated.
+                None for no shift.
         """
         found = np.empty((len(numbers), *self._episodes[0].shape[1:]), np.uint8)
         owners = np.searchsorted(self.first, numbers, side="right") - 1
@@ -275,7 +278,10 @@ class FrameStore:
 
 
 def shift(picture: np.ndarray, down: int, right: int) -> None:
-    """Shift a contiguous image, (height, width, colors), in place by whole pixels, repeating its edges."""
+    """Shift an image in place by whole pixels, repeating its edges.
+
+    The image is a contiguous (height, width, colors) array.
+    """
     flat = picture.reshape(-1)
     count = (down * picture.shape[1] + right) * picture.shape[2]
     if count > 0:

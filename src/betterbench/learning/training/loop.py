@@ -1,4 +1,8 @@
-"""Training loop. Each step depends only on weights, seed and step number, so that training can be resumed."""
+"""Training loop.
+
+Each step depends only on the weights, the seed and the index of the step. An interrupted training run can therefore be
+resumed.
+"""
 
 from __future__ import annotations
 
@@ -47,32 +51,32 @@ from betterbench.records.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining
 
 STATE_NAME = "state.safetensors"
-"""File for resuming: weights, their moving average, and the optimizer moments."""
+"""File from which training is resumed: weights, the moving average of the weights, and the moments of the optimizer."""
 _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
 _STATE_CURE = "Train into another folder, or restore the file"
 _CURES = {
-    "torch": "Continue with that version of torch",
-    "device": "Continue with that --device",
+    "torch": "Continue with the same version of torch",
+    "device": "Continue with the same --device",
     "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedy by setting, for a resumed training whose setting (other than recipe and data) has changed."""
+"""Remedy for each setting, other than recipe and data, that has changed when a training run is resumed."""
 _PATIENCE = timedelta(hours=6)
-"""Maximum time that the other processes wait for the first process, because it validates and writes."""
+"""Maximum time that the other processes wait for the first process while it validates and writes files."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """Progress of a training.
+    """Progress of a training run.
 
     Attributes:
-        step: Number of finished steps, including earlier sessions.
-        steps: Recipe steps.
-        loss: Mean loss of the last steps.
-        samples_per_s: Training samples per second in this session, without validation.
+        step: Number of finished steps, including those before an interruption.
+        steps: Total number of steps, as stated in the recipe.
+        loss: Mean loss over the most recent steps.
+        samples_per_s: Training samples per second since training was started or resumed, without validation.
     """
 
     step: int
@@ -86,14 +90,14 @@ OnTraining = Callable[[TrainingProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """Result of a complete training.
+    """Result of a complete training run.
 
     Attributes:
-        checkpoint: Checkpoint file of the learner.
+        checkpoint: Checkpoint file of the policy.
         parameters: Number of trained parameters.
-        log: Tables of the training.
-        seconds: This session's duration without reading the data [s].
-        samples_per_s: Training samples per second in this session, without validation. 0 if the training was already
+        log: Tables that log the training run.
+        seconds: Time since training was started or resumed, without reading the data [s].
+        samples_per_s: Training samples per second in this time, without validation; 0 if the training run was already
             complete.
     """
 
@@ -112,25 +116,28 @@ def train(
     device: str = "cpu",
     on_progress: OnTraining | None = None,
 ) -> TrainingResult:
-    """Train a learner by a recipe, or resume an interrupted training.
+    """Train a policy by a recipe, or resume an interrupted training run.
 
-    On the same machine and with the same numbers of threads and processes, the weights are bit-identical regardless of
-    interruptions.
+    On the same machine and with the same numbers of threads and processes, the weights are bit-identical with and
+    without interruptions.
 
     Raises:
-        RunConflictError: If the folder contains another training, or another process writes to it.
-        TrainingError: If the loss is not finite; the saved state is kept.
+        RunConflictError: If the folder contains another training run, or another process writes to it.
+        TrainingError: If the loss is not finite. The saved state is kept.
         InvalidInputError: If the saved state is damaged, or the device cannot be used.
-        StorageError: If the disk is full, or the folder was removed or moved meanwhile; the saved state is kept.
+        StorageError: If the disk is full, or the folder was removed or renamed during the training. The saved state is
+            kept.
     """
     world = TrainingProcesses.here()
     require_place(out, device)
     if recipe.batch % world.size:
         raise InvalidInputError(
-            "batch", f"{recipe.batch} is not a multiple of the {world.size} processes", "Change the batch"
+            "batch",
+            f"{recipe.batch} is not a multiple of the number of processes ({world.size})",
+            "Change the batch size",
         )
     if recipe.questions % world.size:
-        problem = f"{recipe.questions} questions are not a multiple of the {world.size} processes"
+        problem = f"{recipe.questions} questions cannot be divided evenly among {world.size} processes"
         raise InvalidInputError("co_training.weight", problem, "Change the weight")
     form = {
         "recipe": recipe.to_json(),
@@ -154,13 +161,18 @@ def train(
 
 
 def require_place(out: Path, device: str) -> None:
-    """Check the folder and the device before any data are read; raise RunConflictError or InvalidInputError."""
+    """Check the output folder and the device before any data are read.
+
+    Raises:
+        RunConflictError: If the folder contains other files.
+        InvalidInputError: If the device cannot be used.
+    """
     _require_device(TrainingProcesses.here().device(device))
     require_free(out, "training", file=_RECIPE_NAME)
 
 
 class _Training:
-    """Training in progress."""
+    """Training run in progress, with its network, optimizer, data and logs."""
 
     def __init__(
         self,
@@ -190,7 +202,7 @@ class _Training:
         self._network.to(device)
         self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
         if not self._trained:
-            raise InvalidInputError("frozen", "no parameters are left to train", "Freeze fewer parts")
+            raise InvalidInputError("frozen", "all parameters are frozen", "Freeze fewer parts")
         self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
         self._running = {name for name in buffers if name not in scales and name in self._mean}
         self._optimizer = torch.optim.AdamW(
@@ -202,7 +214,7 @@ class _Training:
             self._restore()
 
     def run(self, on_progress: OnTraining | None) -> TrainingResult:
-        """Train to the end and write the checkpoint."""
+        """Train to the last step, and write the checkpoint."""
         recipe, began = self._recipe, time.perf_counter()
         first, busy = self._step, 0.0
         shared: nn.Module = self._network
@@ -233,11 +245,11 @@ class _Training:
         return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
 
     def _advance(self, shared: nn.Module) -> list[float]:
-        """Take one optimization step; return the loss and the gradient norm."""
+        """Take one optimization step. Return the loss and the gradient norm."""
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
-        for part in () if recipe.built_in else recipe.frozen:  # keeps the statistics of a frozen batch norm
+        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm keeps its statistics
             if isinstance(module := getattr(self._network, part, None), nn.Module):
                 module.eval()
         shown, actions, counted = self._batches.sample(
@@ -256,16 +268,20 @@ class _Training:
         for name, weight in self._trained.items():
             where = f"learner {recipe.family!r}"
             if weight.grad is None:
-                raise InvalidInputError(where, f"no action depends on its weights {name}", "Use or remove them")
+                raise InvalidInputError(
+                    where,
+                    f"the loss does not depend on the weights {name}",
+                    "Use these weights in the loss, or remove them",
+                )
             if weight.grad.is_sparse:
-                raise InvalidInputError(where, f"the gradient of {name} is sparse", "Make it dense")
+                raise InvalidInputError(where, f"the gradient of {name} is sparse", "Use layers with dense gradients")
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
         found = [float(loss.detach()), float(norm)]
         if not all(math.isfinite(value) for value in found):
             raise TrainingError(
                 f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot "
-                f"continue. The state saved in {self._out} is kept. Train with a smaller learning_rate or clip, in "
-                f"another folder."
+                f"continue. The state saved in {self._out} is kept. Train in another folder with a smaller "
+                f"learning_rate or clip."
             )
         for group in self._optimizer.param_groups:
             group["lr"] = self._rate(self._step)
@@ -275,16 +291,20 @@ class _Training:
         return found
 
     def _require_sound(self, loss: object) -> None:
-        """Raise InvalidInputError for a user's learner with an invalid loss or with weights created after build."""
+        """Raise InvalidInputError if a user's learner has an invalid loss, or creates weights after ``build``."""
         where = f"learner {self._recipe.family!r}"
         if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
-            raise InvalidInputError(where, "its loss is not a scalar that depends on its weights", "Correct loss")
+            raise InvalidInputError(
+                where, "its loss is not a scalar tensor that depends on the weights", "Correct the method loss"
+            )
         new = sorted(self._network.state_dict().keys() ^ self._mean.keys())
         if new:
-            raise InvalidInputError(where, f"{new[0]} was created after build", "Create all modules in build")
+            raise InvalidInputError(
+                where, f"{new[0]} was created after build", "Create all modules in the method build"
+            )
 
     def _rate(self, step: int) -> float:
-        """Return the learning rate at a step, counted from 0."""
+        """Return the learning rate at a step. The first step has the index 0."""
         recipe = self._recipe
         if step < recipe.warmup:
             return recipe.learning_rate * (step + 1) / recipe.warmup
@@ -292,9 +312,11 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Update the moving average of the weights, with a faster rate at first because it started from random weights.
+        """Update the moving average of the weights.
 
-        Buffers of a user's learner, such as those of a batch norm, are copied unchanged.
+        In the first steps it adapts faster, since it starts from random weights.
+
+        Buffers of a user's learner, such as those of a batch norm, are copied instead of averaged.
         """
         decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
         with torch.no_grad():
@@ -311,7 +333,7 @@ class _Training:
         return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256, code=code)
 
     def _validate(self) -> None:
-        """Log the errors per phase and a few rollouts of the averaged weights."""
+        """Log the validation errors of the averaged weights by phase, and the outcomes of a few rollouts."""
         if self._world.rank:
             return
         network = new_network(self._recipe, self._data.vocabulary).to(self._device)
@@ -324,7 +346,7 @@ class _Training:
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
     def _save(self) -> None:
-        """Write the log tables, then the state for resuming."""
+        """Write the tables, and then the state from which training can be resumed."""
         if self._world.rank:
             return
         self._log.write(self._out)
@@ -337,15 +359,17 @@ class _Training:
         write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
-        """Restore the saved state. Raises InvalidInputError if it belongs to another training."""
+        """Restore the saved state. Raises InvalidInputError if the state belongs to another training run."""
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
-            raise InvalidInputError(str(path), "belongs to another training", _STATE_CURE)
+            raise InvalidInputError(str(path), "the saved state belongs to another training run", _STATE_CURE)
         state = read_form(_STATE, about, where=str(path), cure=_STATE_CURE)
         if state.step > self._recipe.steps:
             raise InvalidInputError(
-                f"{path}: step", f"exceeds the {self._recipe.steps} steps of the recipe", _STATE_CURE
+                f"{path}: step",
+                f"the saved state is beyond the {self._recipe.steps} steps of the recipe",
+                _STATE_CURE,
             )
         parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
         for name, tensor in tensors.items():
@@ -365,14 +389,14 @@ class _Training:
             }
         self._log = Log.read(self._out, self._step)
         if state.log not in (None, self._log.digest()):
-            problem = "its tables do not match the saved state"
+            problem = "the tables of the training do not match the saved state"
             raise InvalidInputError(str(self._out), problem, _STATE_CURE)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of a saved training state; files of earlier versions have no digest of the log tables."""
+    """Metadata of a saved training state. State files from earlier versions have no digest of the log tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -384,26 +408,31 @@ _STATE = TypeAdapter(_State)
 
 
 def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], where: str) -> None:
-    """Raise InvalidInputError unless tensors match others in names, shapes and types."""
+    """Raise InvalidInputError unless two sets of tensors have the same names, shapes and types."""
     forms = [{n: (tuple(t.shape), t.dtype) for n, t in some.items()} for some in (there, wanted)]
     if forms[0] != forms[1]:
         names = sorted(n for n in forms[0].keys() ^ forms[1].keys()) or ["a shape"]
-        raise InvalidInputError(where, f"does not fit the learner ({one_line(names[0], most=80)} differs)", _STATE_CURE)
+        raise InvalidInputError(
+            where, f"it does not fit the learner ({one_line(names[0], most=80)} differs)", _STATE_CURE
+        )
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Load a checkpoint's weights. The checkpoint must have the same vocabulary."""
+    """Load the initial weights from a checkpoint, which must have the same vocabulary as the data."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
     if known is not None:
-        problem = f"its vocabulary differs: {known[0]} is {known[1]} there and {known[2]} in the data"
-        raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint with the same vocabulary")
+        problem = f"its vocabulary differs: {known[0]} is {known[1]} in the checkpoint and {known[2]} in the data"
+        raise InvalidInputError(f"start: {start}", problem, "Start from a checkpoint with the same vocabulary")
     load_weights(network, weights, f"start: {start}")
 
 
 def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
-    """Write the identity of the training into the folder. Raises RunConflictError if the folder has a different one."""
+    """Write the settings of the training run into its folder.
+
+    Raises RunConflictError if the folder contains different settings.
+    """
     path = out / _RECIPE_NAME
     if path.exists():
         there = read_object(path, max_bytes=_MAX_RECIPE, cure="Choose another folder")
@@ -421,7 +450,7 @@ def _identity(form: Mapping[str, Any]) -> str:
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the training description without input paths, because inputs are identified by their hashes."""
+    """Return the settings without the paths of the input files. The inputs are identified by their hashes instead."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)
@@ -435,13 +464,13 @@ def _require_device(device: str) -> None:
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, ValueError) as error:
-        problem = f"cannot be used ({' '.join(str(error).split())[:160]})"
-        raise InvalidInputError(f"--device {device}", problem, "Give cpu, or cuda on a machine with a GPU") from error
+        problem = f"this device cannot be used ({' '.join(str(error).split())[:160]})"
+        raise InvalidInputError(f"--device {device}", problem, "Use cpu, or cuda on a machine with a GPU") from error
 
 
 @contextlib.contextmanager
 def _deterministic(threads: int) -> Iterator[None]:
-    """Use a fixed number of threads, and restore torch's random state afterward."""
+    """Context manager that fixes the number of threads, and restores torch's random state at the end."""
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -453,7 +482,10 @@ def _deterministic(threads: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
-    """Connect the processes of a distributed training; does nothing for a single process."""
+    """Context manager that connects the processes of a distributed training run.
+
+    It does nothing if there is one process.
+    """
     if world.size == 1:
         yield
         return

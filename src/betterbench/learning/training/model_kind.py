@@ -1,4 +1,4 @@
-"""Co-trained learners as models of ``better vlm``: ``learned:CHECKPOINT``."""
+"""Model kind ``learned:CHECKPOINT`` of ``better vlm``: a policy that was also trained to answer questions."""
 
 from __future__ import annotations
 
@@ -15,22 +15,26 @@ if TYPE_CHECKING:
 
 def _require(options: ModelOptions) -> None:
     if not options.own_set:
-        cure = "Evaluate it on a set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
-        raise InvalidInputError("--model", "a learner answers only questions about frames of recorded trials", cure)
+        cure = "Use a question set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
+        raise InvalidInputError("--model", "a learner can only answer questions about recorded trials", cure)
     needed = (("--data", options.data, "set of better vqa"), ("--records", options.records, "run of that set"))
     for option, path, what in needed:
         if path is None:
-            raise InvalidInputError(option, "is missing; a learner needs recorded states to answer", f"Give the {what}")
+            raise InvalidInputError(
+                option, "is missing; a learner needs recorded states to answer questions", f"Pass the {what}"
+            )
     given = {"--eyes": options.eyes is not Eyes.NATIVE, "--coordinates": options.coordinates is not None}
     for option, is_given in given.items():
         if is_given:
-            raise InvalidInputError(option, "does not apply to a learner, which receives no images", "Leave it out")
+            raise InvalidInputError(
+                option, "this option does not apply to a learner, since it receives no images", "Leave out this option"
+            )
 
 
 def _make(options: ModelOptions, cache: ReplyCache | None) -> Model:
     del cache  # only requests to an endpoint are stored
     if options.data is None or options.records is None:
-        raise ValueError("a learner requires a set and its run")
+        raise ValueError("a learner requires a question set and the run that the questions are about")
     from betterbench.learning.training.answering import LearnerModel
     from betterbench.policies.kinds.learned import LEARNED
     from betterbench.policies.learned.loading import load_learner

@@ -1,8 +1,8 @@
 """Answers of a co-trained learner about the position of the instructed object in its own trials.
 
-A learner that also answers questions may know the position of the object and still reach elsewhere. Its answer head is
-evaluated on the recorded states of its own trials, with the same inputs as for acting. Answers are cells of the image,
-see :mod:`betterbench.learning.training.questions`.
+A co-trained learner is a policy that was also trained to answer questions. It may know where an object is and still
+reach elsewhere. To find out, it is asked about the recorded states of its own trials, and receives the same inputs as
+when it acted. Answers are cells of the image, see :mod:`betterbench.learning.training.questions`.
 """
 
 from __future__ import annotations
@@ -32,25 +32,26 @@ from betterbench.vqa.named_object import NamedObject, named_object
 from betterbench.vqa.question import Question
 
 _CELL = re.compile(r"([0-7]),([0-7])")
-"""Regular expression for an answer that is a cell: column and row."""
+"""Pattern of an answer that is an image cell: column and row."""
 
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswer:
-    """Answer of a learner about one of its own trials.
+    """Answer of a learner to a question about one of its own trials.
 
     Attributes:
         trial: Task, condition and seed.
-        where: Variation name or training condition.
-        label: Label of the diagnosis.
+        where: Task with the name of the variation or of the training condition.
+        label: Label that the diagnosis gave to the trial.
         success: Whether the trial succeeded.
-        object: Object name in the instruction.
+        object: Name of the object that the instruction names.
         row: Row of the record.
-        question: The question that the learner got.
-        cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
+        question: Question that the learner was asked.
+        cell: Correct answer: "column,row" in a grid of 8 x 8 cells over the image.
         answer: Answer of the learner.
-        nearest: Name of the loose object nearest to the center of the answered cell, or "" if the answer is not a cell.
-            A cell is about as large as an object, so a neighboring cell often shows the object too.
+        nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell.
+            Since a cell is about as large as an object, an object often extends into a neighboring cell, which then
+            counts as an answer near the object.
     """
 
     trial: str
@@ -66,24 +67,24 @@ class OwnAnswer:
 
     @property
     def right(self) -> bool:
-        """Whether the answer is the object's cell."""
+        """Whether the answer is the cell that contains the object."""
         return self.answer == self.cell
 
     @property
     def means_it(self) -> bool:
-        """Whether the answered cell is nearer to this object than to any other."""
+        """Whether the answered cell is nearer to the object of the question than to any other object."""
         return self.nearest == self.object
 
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswers:
-    """Rates of a learner's correct answers about one condition's trials.
+    """Rates of a learner's correct answers about the trials of one condition.
 
     Attributes:
-        where: Task with variation or training condition.
-        cells: Share of answers that are the object's cell.
-        nearest: Share of answers whose cell is nearer to the object than to any other object.
-        trials: Share of trials in which this is true of all answers.
+        where: Task with the name of the variation or of the training condition.
+        cells: Fraction of the answers that name the cell of the object.
+        nearest: Fraction of the answers that name a cell nearer to the object than to any other object.
+        trials: Fraction of the trials in which all answers name such a cell.
     """
 
     where: str
@@ -92,7 +93,7 @@ class OwnAnswers:
     trials: Rate
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the rates as a JSON-serializable dict."""
         rates = {"cells": self.cells, "nearest": self.nearest, "trials": self.trials}
         return {"where": self.where, **{name: rate.to_json() for name, rate in rates.items()}}
 
@@ -108,21 +109,21 @@ def ask_about_run(
     failures_only: bool = False,
     on_progress: OnCount | None = None,
 ) -> tuple[OwnAnswer, ...]:
-    """Evaluate a learner's answers about the instructed object in the trials of its own run.
+    """Ask a learner about the instructed object in the trials of its own run.
 
     Args:
         learner: The learner.
-        run: The run of the learner.
-        diagnosis: That run's diagnosis.
-        open_photos: Opens the source of frames; only the image positions of objects are used.
-        camera: Camera of the training questions.
-        tasks: Tasks to include; all if empty.
-        failures_only: True to exclude successful trials.
-        on_progress: Called with the number of trials done and planned.
+        run: Run in which the learner was the policy.
+        diagnosis: Diagnosis of this run.
+        open_photos: Function that opens a source of frames. Only the positions of objects in the images are used.
+        camera: Camera that the training questions were about.
+        tasks: Tasks to include; empty for all tasks.
+        failures_only: Whether to leave out successful trials.
+        on_progress: Called with the number of finished trials and the total number.
 
     Raises:
-        InvalidInputError: If the learner does not answer questions, uses images, or is not the run's policy, or if no
-            trial is left.
+        InvalidInputError: If the learner cannot answer questions, uses images, or is not the policy of the run, or if
+            no trial is left.
         RecordError: If a record or its scene is damaged.
     """
     _require_asked(learner, run)
@@ -151,16 +152,16 @@ def ask_about_run(
 
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
-    """Return the answers of an ``objects`` learner to questions about one row of a record."""
+    """Return the answers of a learner of the family ``objects`` to questions about one row of a record."""
     known = learner.trained.vocabulary.answers
     return tuple(known[int(answer_scores(learner, record, row, q).argmax())] for q in questions)
 
 
 def answer_scores(learner: Learner, record: Record, row: int, question: Question) -> np.ndarray:
-    """Return the logits of a learner's answers to a question about a row of a record, shape (answers,) float32.
+    """Return a learner's logits for all possible answers to a question about one row of a record, (answers,) float32.
 
-    The learner belongs to the family ``objects``. Its input is the same as for acting at that row, with the question in
-    place of the instruction.
+    The learner must belong to the family ``objects``. Its input is the same as when it acts at that row, with the
+    question in place of the instruction.
     """
     recipe, known = learner.trained.recipe, learner.trained.vocabulary
     rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)
@@ -181,7 +182,10 @@ def answer_scores(learner: Learner, record: Record, row: int, question: Question
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield the rates by condition, in answer order, and then over all answers ("all")."""
+    """Yield the rates for each condition, and then those for all answers ("all").
+
+    The conditions are in the order in which the answers contain them.
+    """
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:
         groups.setdefault(answer.where, []).append(answer)
@@ -194,7 +198,7 @@ def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
 
 
 def answers_form(answers: Sequence[OwnAnswer]) -> list[dict[str, Any]]:
-    """Return answers as a JSON-serializable list."""
+    """Return the answers as a JSON-serializable list."""
     return [{**asdict(a), "right": a.right, "means_it": a.means_it} for a in answers]
 
 
@@ -214,7 +218,10 @@ def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagno
 
 
 def _nearest(answer: str, about: NamedObject) -> str:
-    """Return the name of the loose object nearest to the center of the answered cell, or ""."""
+    """Return the name of the loose object nearest to the center of the answered cell.
+
+    Return "" if the answer is not a cell.
+    """
     found = _CELL.fullmatch(answer)
     if found is None:
         return ""
@@ -223,22 +230,27 @@ def _nearest(answer: str, about: NamedObject) -> str:
 
 
 def require_answers(learner: Learner, option: str = "--learner") -> None:
-    """Raise an InvalidInputError that names an option for a learner that does not answer questions or uses images."""
+    """Raise InvalidInputError if a learner cannot answer questions or uses images.
+
+    Args:
+        learner: The learner.
+        option: Command-line option that selected the learner, for the error message.
+    """
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
-        problem = "the learner was trained without questions, so it cannot answer any"
+        problem = "the learner was trained without questions, so it cannot answer questions"
         raise InvalidInputError(option, problem, "Train a learner with co_training in its recipe")
     if recipe.sees != "objects":
         problem = f"the learner of family {recipe.family!r} uses images, but only the family 'objects' is supported"
-        raise InvalidInputError(option, problem, "Give a learner of the family 'objects'")
+        raise InvalidInputError(option, problem, "Use a learner of the family 'objects'")
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:
-    """Raise InvalidInputError for a learner that does not answer questions, uses images, or is not a run's policy."""
+    """Raise InvalidInputError if a learner cannot answer questions, uses images, or is not the policy of the run."""
     require_answers(learner)
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if played != f"sha256 {learner.fingerprint}":
-        problem = f"{run.path} is a run of {'other weights' if played else 'another kind of policy'}"
-        raise InvalidInputError("--learner", problem, "Give the checkpoint of the run")
+        problem = f"the run {run.path} used {'other weights' if played else 'another kind of policy'}"
+        raise InvalidInputError("--learner", problem, "Use the checkpoint that was evaluated in this run")

@@ -1,4 +1,4 @@
-"""Processes of a distributed training, as started by torch's launcher ``torchrun``."""
+"""Processes of a distributed training run that was started with torch's launcher ``torchrun``."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _CURE = "Start the command with torchrun, or unset these variables"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """This process's position in a distributed training.
+    """Position of this process in a distributed training run.
 
     Attributes:
-        rank: Index of this process among all.
+        rank: Index of this process among all processes.
         size: Number of processes.
         local_rank: Index of this process among the processes on its machine.
     """
@@ -26,10 +26,12 @@ class TrainingProcesses:
 
     @classmethod
     def here(cls) -> TrainingProcesses:
-        """Return the position given by torchrun's environment variables; a single process without them.
+        """Read the position of this process from torchrun's environment variables.
+
+        If the variables are not set, this process is the only one.
 
         Raises:
-            InvalidInputError: If their values are inconsistent.
+            InvalidInputError: If the values of the variables are inconsistent.
         """
         names = ("RANK", "WORLD_SIZE", "LOCAL_RANK")
         said = [os.environ.get(name, usual) for name, usual in zip(names, "010", strict=True)]
@@ -38,13 +40,16 @@ class TrainingProcesses:
         )
         if not (0 <= rank < size and 0 <= local < size):
             told = ", ".join(f"{name}={text}" for name, text in zip(names, said, strict=True))
-            raise InvalidInputError("the environment", f"{told} are inconsistent", _CURE)
+            raise InvalidInputError("the environment", f"the variables {told} are inconsistent", _CURE)
         return cls(rank, size, local)
 
     def device(self, named: str) -> str:
-        """Return torch's device for this process; ``--device`` is ``cpu``, ``cuda`` or ``cuda:N``.
+        """Return the torch device for this process.
 
-        On a machine with several GPUs, each process uses the GPU with its own index.
+        On a machine with several GPUs, each process uses the GPU with its index.
+
+        Args:
+            named: Device that the user selected: ``cpu``, ``cuda`` or ``cuda:N``.
 
         Raises:
             InvalidInputError: If a single GPU is selected for several processes.
@@ -52,6 +57,6 @@ class TrainingProcesses:
         if self.size == 1 or not named.startswith("cuda"):
             return named
         if named != "cuda":
-            problem = f"selects one GPU for all {self.size} processes"
-            raise InvalidInputError(f"--device {named}", problem, "Give cuda, so that each process takes its own GPU")
+            problem = f"this would make all {self.size} processes use the same GPU"
+            raise InvalidInputError(f"--device {named}", problem, "Use --device cuda to give each process its own GPU")
         return f"cuda:{self.local_rank}"

@@ -1,8 +1,9 @@
-"""Questions about the frames of demonstrations. A learner answers them in addition to acting (co-training).
+"""Questions about the frames of demonstrations, which a policy learns to answer in addition to acting (co-training).
 
-A learner chooses among all answers that occur in its training questions. For a box, a point or an option that is a box,
-the answer is the cell of an 8 x 8 grid over the image that contains the center. The baselines of the question sets use
-the same cells. The input is the same as for acting at that row, with the question instead of the instruction.
+The policy chooses among all answers that occur in its training questions. The image is divided into a grid of 8 x 8
+cells. An answer that is a box or a point is represented by the cell that contains its center. The baselines of the
+question sets use the same cells. The policy receives the same input as when it acts in the recorded state, except that
+the question replaces the instruction.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ _CURE = "Create a set with better vqa from the demonstrations listed in the reci
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingQuestions:
-    """Arrays of Q questions about the demonstrations of a training set.
+    """Q questions about the demonstrations of a training set, as arrays.
 
     Attributes:
-        words: (Q, w) int64; ABSENT after the last word.
-        episodes: (Q,) int64 demonstration of each question.
-        tools: (Q, history, 10) float32, the current state first.
-        poses: (Q, n, 9) float32.
+        words: (Q, w) int64 words of the question; ABSENT after the last word.
+        episodes: (Q,) int64 index of the demonstration that each question is about.
+        tools: (Q, history, 10) float32 tool pose and gripper opening, the current state first.
+        poses: (Q, n, 9) float32 object poses.
         answers: (Q,) int64 indices of the correct answers in the vocabulary; -1 for an answer that does not occur in
             training.
         types: Type of each question.
         frames_of: Images of the frames that the questions are about; None for the family ``objects``.
-        frames: (Q,) int64 indices of these frames.
+        frames: (Q,) int64 index of each question's frame in ``frames_of``.
     """
 
     words: np.ndarray
@@ -56,26 +57,29 @@ class TrainingQuestions:
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestions:
-    """Questions of a recipe's sets about its demonstrations, in demonstration order.
+    """Questions about the demonstrations of a recipe, in the order of the demonstrations.
 
     Attributes:
-        questions: The questions, each with its demonstration's index.
-        sha256: Hashes of the sets.
+        questions: Each question, together with the index of the demonstration that it is about.
+        sha256: Hashes of the question sets.
     """
 
     questions: tuple[tuple[int, Question], ...]
     sha256: tuple[str, ...]
 
     def texts(self, held_out: np.ndarray) -> list[str]:
-        """Return the training questions as strings; ``held_out`` marks the demonstrations not used for training."""
+        """Return the texts of the training questions.
+
+        ``held_out`` marks demonstrations that are not used for training.
+        """
         return [question_text(question) for episode, question in self.questions if not held_out[episode]]
 
     def answers(self, held_out: np.ndarray) -> tuple[str, ...]:
-        """Return the distinct answers of the training questions, sorted."""
+        """Return the distinct answers to the training questions, sorted."""
         return tuple(sorted({learned_class(q) for episode, q in self.questions if not held_out[episode]}))
 
     def rows(self, count: int) -> list[np.ndarray]:
-        """Return the sorted distinct rows of the questions for each of ``count`` demonstrations."""
+        """Return, for each of ``count`` demonstrations, the sorted rows about which there are questions."""
         found: list[set[int]] = [set() for _ in range(count)]
         for episode, question in self.questions:
             found[episode].add(question.source.row)
@@ -83,28 +87,39 @@ class AskedQuestions:
 
 
 def question_text(question: Question) -> str:
-    """Return the text of a question with its options for a learner, with boxes replaced by words for their cells."""
+    """Return a question with its options as the policy receives it.
+
+    Boxes in the text are replaced by words for their cells.
+    """
     return in_cells(question.prompt, question.width, CELLS)
 
 
 def learned_class(question: Question) -> str:
-    """Return the answer class of a question's correct answer."""
+    """Return the answer class of the correct answer to a question."""
     return option_class(question.answer, question.width) if question.options else answer_class(question)
 
 
 def option_class(option: str, width: int) -> str:
     """Return the answer class of an option.
 
-    For a box in an image of this width [pixel], it is the cell, else the text.
+    It is the cell of a box if the option is a box, and otherwise the option's text.
+
+    Args:
+        option: Text of the option.
+        width: Width of the image [pixel].
     """
     return box_cell(option, width, CELLS) or option
 
 
 def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]]) -> AskedQuestions | None:
-    """Read a recipe's questions about demonstrations, matched by trial and SHA-256, or None without co-training.
+    """Read the questions of a recipe about its demonstrations. Return None if the recipe has no co-training.
+
+    Args:
+        recipe: The recipe.
+        records: Trial and SHA-256 of each demonstration, by which the questions are matched.
 
     Raises:
-        RecordError: If a folder contains no complete set, or a damaged one.
+        RecordError: If a folder contains no complete question set, or a damaged one.
         InvalidInputError: If a set is about evaluation trials, or about none of the demonstrations.
     """
     if recipe.co_training is None:
@@ -130,7 +145,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
 
 def _checked(made: QuestionSet) -> QuestionSet:
     if made.purpose != "training":
-        problem = "contains questions about evaluation trials, which must not be used for training"
+        problem = "the set contains questions about evaluation trials, which must not be used for training"
         raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
     return made
 
@@ -138,7 +153,7 @@ def _checked(made: QuestionSet) -> QuestionSet:
 def _drawn(
     asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
 ) -> tuple[FrameStore, np.ndarray]:
-    """Render the frames for the questions; return them with each question's frame index."""
+    """Render the frames that the questions are about. Return the frames, and the index of each question's frame."""
     rows_of = asked.rows(count)
     store = draw(rows_of)
     first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))
@@ -160,12 +175,12 @@ def training_questions(
 
     Args:
         asked: The questions.
-        records: The demonstrations.
-        held_out: (E,) bool mask of held-out demonstrations.
+        records: Records of the demonstrations.
+        held_out: (E,) bool mask of the held-out demonstrations.
         recipe: The recipe.
-        vocabulary: Words, categories and colors known to the learner.
+        vocabulary: Words, categories and colors that the policy knows.
         objects: Maximum number of objects in a demonstration.
-        draw: Renders rows of each demonstration, for pixels learners.
+        draw: Function that renders rows of each demonstration; None for policies that use no images.
 
     Raises:
         InvalidInputError: If all questions are about held-out demonstrations, or a row does not exist.
@@ -173,7 +188,7 @@ def training_questions(
     questions = [question for _, question in asked.questions]
     episodes = np.array([episode for episode, _ in asked.questions], dtype=np.int64)
     if held_out[episodes].all():
-        cure = "Create a larger set, or give validation: 0"
+        cure = "Make a larger question set, or set validation: 0"
         raise InvalidInputError("co_training", "all questions are about held-out demonstrations", cure)
     for episode, question in asked.questions:
         if question.source.row > records[episode].n_steps:
@@ -223,7 +238,10 @@ class AnswerRate:
 
 
 def answer_rates(step: int, types: Sequence[str], right: Sequence[bool]) -> list[AnswerRate]:
-    """Return the rates of correct answers by sorted type, then over all, or an empty list without questions."""
+    """Count the correct answers for each question type, in alphabetical order, and for all types together.
+
+    The list is empty if there are no questions.
+    """
     if not types:
         return []
     asked: Mapping[str, int] = Counter(types)

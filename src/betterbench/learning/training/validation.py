@@ -1,4 +1,4 @@
-"""Validation of a learner: action errors by phase on held-out demonstrations, and a few rollouts."""
+"""Validation of a policy during training: action errors by phase on held-out demonstrations, and a few rollouts."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MOST_FRAMES = 2048
-"""Number of evenly spaced frames of held-out demonstrations that a validation uses."""
+"""Maximum number of frames of held-out demonstrations in a validation. They are evenly spaced."""
 _AT_ONCE = 256
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Error of a learner's next actions relative to the demonstrator's, over the frames of one phase.
+    """Error of a policy's next actions compared with those of the demonstrator, over the frames of one phase.
 
     Attributes:
         step: Training step.
+        phase: Name of the phase; "all" for all phases together.
         translation_mm: Mean distance between the commanded translations per control step [mm].
-        rotation_deg: Mean angle between the commanded rotations per control step [degree].
-        gripper_wrong: Share of wrong gripper commands.
+        rotation_deg: Mean angle between the commanded rotations per control step [deg].
+        gripper_wrong: Fraction of wrong gripper commands.
         frames: Number of compared frames.
     """
 
@@ -48,7 +49,7 @@ class PhaseError:
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """Outcome of an episode in which a learner acted from the start of a held-out demonstration."""
+    """Outcome of an episode in which a policy acts from the initial state of a held-out demonstration."""
 
     step: int
     trial: str
@@ -59,9 +60,10 @@ class Rollout:
 def phase_errors(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
 ) -> list[PhaseError]:
-    """Return the errors on held-out demonstrations by phase and over all phases ("all"); an empty list without any.
+    """Return the action errors on held-out demonstrations for each phase, and over all phases ("all").
 
-    Only the executed part of each action chunk, its first ``execute`` actions, is compared.
+    Only the first ``execute`` actions of each chunk are compared, since only these are executed. The list is empty if
+    no demonstrations are held out.
     """
     frames = data.frames(held_out=True)
     if not len(frames):
@@ -87,11 +89,10 @@ def phase_errors(
 def right_answers(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, step: int, *, most: int = MOST_FRAMES
 ) -> list[AnswerRate]:
-    """Return the numbers of correct answers to questions about held-out demonstrations.
+    """Count the correct answers to questions about held-out demonstrations, by question type.
 
-    The result is empty without co-training.
-
-    A learner cannot give an answer that does not occur in training, so such questions count as wrong.
+    A policy cannot give an answer that does not occur in training, so questions with such an answer count as wrong. The
+    list is empty without co-training.
     """
     chosen = data.asked(held_out=True)
     if data.questions is None or not len(chosen):
@@ -107,7 +108,10 @@ def right_answers(
 
 
 def _apart(given: np.ndarray, wanted: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """Return the mean distance [mm], mean angle [degree] and share of wrong gripper commands of each frame, (B, 3)."""
+    """Return the errors of each frame as a (B, 3) array.
+
+    The columns are the mean distance [mm], the mean angle [deg], and the fraction of wrong gripper commands.
+    """
     weights = counted / counted.sum(axis=1, keepdims=True)
     away = 1000.0 * TRANSLATION_PER_UNIT_M * np.linalg.norm(given[..., :3] - wanted[..., :3], axis=-1)
     turn = np.degrees(ROTATION_PER_UNIT_RAD * np.linalg.norm(given[..., 3:6] - wanted[..., 3:6], axis=-1))
@@ -121,7 +125,10 @@ def _mean(step: int, phase: str, errors: np.ndarray) -> PhaseError:
 
 
 def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
-    """Return held-out trials for rollouts, cycling through the conditions to cover as many as possible."""
+    """Return held-out trials for rollouts.
+
+    Successive trials are of different conditions, so as many conditions as possible are covered.
+    """
     left: dict[tuple[str, str], list[TrialId]] = {}
     for i in np.flatnonzero(data.held_out):
         trial = data.trials[i]
@@ -136,7 +143,7 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 
 
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
-    """Run a learner in a trial of a training condition, without recording it."""
+    """Run a policy in a trial of a training condition. The episode is not saved."""
     found, recipe = resolve_condition(trial.task, trial.condition), learner.trained.recipe
     quality = quality_preset("fast" if recipe.sees == "objects" else recipe.eyes.quality)
     scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality)

@@ -1,1 +1,1 @@
-"""Report figures: charts, videos, video frames and the trial player."""
+"""Figures of a report: charts, videos, video frames and the trial player."""

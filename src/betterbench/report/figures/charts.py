@@ -1,4 +1,4 @@
-"""Report charts, each with counts and intervals."""
+"""Charts of a report. Each number is shown with its count and its interval."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks.labels import Kind
 
 MODES_SHOWN = 6
-"""Maximum number of failure modes per policy in the chart; the CSV file of trials has all of them."""
+"""Maximum number of failure modes that the chart shows per policy. The CSV file of trials contains all of them."""
 
 HOLM_NOTE = (
     " An interval may exclude zero although p is large. The interval is for this row only, while p is exact for few "
     "pairs and is corrected for the number of axes (Holm). Only a small p shows a gap."
 )
-"""Note below the gap chart for rows whose interval and p-value seem contradictory."""
+"""Note below the chart of illusion gaps, for rows whose interval and p-value seem to contradict each other."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
 TWINS_NOTE = "Training twins are the training trials from which the variations are derived, one per pair."
@@ -31,13 +31,13 @@ Keep = Callable[[TrialDiagnosis], bool]
 
 
 def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
-    """Return every chart for which the runs have data."""
+    """Return all charts for which the runs have data."""
     made = (axes_chart, outcomes_chart, gap_chart, modes_chart, grasps_chart, tasks_chart)
     return tuple(chart for chart in (make(diagnoses) for make in made) if chart.groups)
 
 
 def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of success on training twins and on variations, over all variations and per axis."""
+    """Return a chart of success on variations and on the training trials with the same seeds, grouped by axis."""
     return Chart(
         "axes",
         "Success in training and under each axis of variation",
@@ -48,7 +48,7 @@ def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of success on training twins and on variations, per task."""
+    """Return a chart of success on variations and on the training trials with the same seeds, grouped by task."""
     names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
     groups = (_pairs(diagnoses, task_title(name), name) for name in names)
     return Chart(
@@ -61,7 +61,7 @@ def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of illusion gaps, over all variations and per axis."""
+    """Return the chart of illusion gaps, over all variations and by axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in _scopes():
@@ -91,7 +91,7 @@ def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of outcomes by family: in training, over all variations and per axis."""
+    """Return the chart of trial outcomes: in training, over all variations, and by axis."""
     scopes: list[tuple[str, Keep]] = [
         ("Training", lambda t: t.variation is None),
         ("All variations", lambda t: t.variation is not None),
@@ -118,7 +118,7 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of the most frequent failure modes of the variation trials."""
+    """Return the chart of the most frequent failure modes in variation trials."""
     groups = []
     for d in diagnoses:
         varied = [t for t in d.trials if t.variation is not None]
@@ -140,7 +140,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of distractor grasp rates: in training, over all variations and per axis."""
+    """Return the chart of distractor grasp rates: in training, over all variations, and by axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in (("training", "Training"), *_scopes()):
@@ -162,12 +162,22 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of a scope's training twins, one per pair. This is the first side of the illusion gap."""
+    """Return the success rate of the training twins (the training trials with the same seeds), one per pair.
+
+    The illusion gap is this rate minus the success rate of the variations.
+
+    Args:
+        diagnosis: Diagnosis of the run.
+        scope: Variations to include, such as "overall" or an axis.
+    """
     return Figure.of(diagnosis.metric("twin_success_rate", scope), noun="pairs")
 
 
 def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str) -> BarGroup | None:
-    """Return two bars per policy for a scope: the training twins and the variations."""
+    """Return two bars per policy: success on variations and on the training trials with the same seeds.
+
+    Return None if no trial is included.
+    """
     rows: list[Bar] = []
     for d in diagnoses:
         variation = Figure.of(d.metric("success_rate", scope))

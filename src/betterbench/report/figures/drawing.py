@@ -1,4 +1,4 @@
-"""SVG charts in two versions from one description: wide for screens and paper, narrow for phones."""
+"""Charts as SVG, drawn from one description in two versions: wide for screens and paper, and narrow for phones."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
 
 GRID = 0.25
-"""Spacing of a chart's grid lines, as a fraction."""
+"""Distance between the grid lines of a chart, as a fraction."""
 
 WIDE_PX = 660
 NARROW_PX = 340
-"""Widths of the two drawings [px]; the narrow one fits a phone of 390 px with its margins."""
+"""Widths of the two versions [px]. The narrow version fits on a phone with a width of 390 px, including margins."""
 
 _CHARACTER_PX = 6.3
-"""Width of a character in a 12 px sans serif font [px], rounded up so that fitted texts never overflow."""
+"""Width of a character in a 12 px sans serif font [px]. It is rounded up, so that fitted texts never overflow."""
 
 _LEAST_NAME_PX, _MOST_NAME_PX, _LEAST_BAR_PX = 80.0, 210.0, 150.0
-"""Minimum and maximum width of the names, and minimum length of the scale, in a wide drawing [px]."""
+"""Minimum and maximum width of the names, and minimum length of the scale, in the wide version [px]."""
 
 PATTERNS: dict[str, str] = {
     "right": "",
@@ -32,23 +32,26 @@ PATTERNS: dict[str, str] = {
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
     "unfinished": "",
 }
-"""SVG pattern drawn over the color of each family, for grayscale prints and color-blind readers."""
+"""SVG pattern that is drawn over the color of each outcome family, for grayscale prints and color-blind readers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The horizontal scale of a chart, from ``low`` to ``high`` (fractions)."""
+    """Horizontal scale of a chart, from ``low`` to ``high``, which are fractions and not percentages."""
 
     low: float
     high: float
 
     def share(self, value: float) -> float:
-        """Return the position of a value along the scale, clipped to the range from 0 to 1."""
+        """Return the position of a value along the scale, as a fraction from 0 to 1.
+
+        Values outside of the scale are clipped.
+        """
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The values of the grid lines."""
+        """Values of the grid lines."""
         count = round((self.high - self.low) / GRID)
         return tuple(self.low + GRID * i for i in range(count + 1))
 
@@ -61,9 +64,10 @@ class Bar:
     """One row of a bar chart.
 
     Attributes:
-        name: Text on the left ("training", or a policy).
-        figure: The number. If it has no value, the row shows a note instead of a bar.
-        style: Class of the bar: "training", "variation", "reasoning", "execution", "system"; "dot" draws a point.
+        name: Text on the left, such as "training" or the name of a policy.
+        figure: The number to show. If it has no value, a note is shown instead of a bar.
+        style: Style of the bar: "training", "variation", "reasoning", "execution" or "system". The style "dot" draws a
+            point instead of a bar.
     """
 
     name: str
@@ -73,7 +77,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class BarGroup:
-    """Rows of a chart under one title. The title may be empty."""
+    """Rows of a bar chart under one title, which may be empty."""
 
     title: str
     rows: tuple[Bar, ...]
@@ -81,7 +85,7 @@ class BarGroup:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One row of a stacked chart: the number of trials that ended in each family."""
+    """One row of a stacked bar chart: the number of trials that ended in each outcome family."""
 
     name: str
     counts: tuple[tuple[str, int], ...]
@@ -94,7 +98,7 @@ class Stack:
 
 @dataclass(frozen=True, slots=True)
 class StackGroup:
-    """Stacked rows under one title. The title may be empty."""
+    """Rows of a stacked bar chart under one title, which may be empty."""
 
     title: str
     rows: tuple[Stack, ...]
@@ -102,11 +106,14 @@ class StackGroup:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart on the page and in a separate file.
+    """Chart that is shown on the page and written to a separate file.
 
     Attributes:
-        name: File name without its ending.
-        scale: Horizontal scale of bars; stacks fill their width.
+        name: File name without extension.
+        title: Title of the chart.
+        caption: Text below the title.
+        groups: Rows of the chart in groups.
+        scale: Horizontal scale of bars. Stacked bars always fill their width.
         key: CSS class and name of every style in the legend.
     """
 
@@ -119,10 +126,13 @@ class Chart:
 
 
 def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str:
-    """Return a chart as one SVG element with all texts escaped.
+    """Draw a chart as one SVG element, in which all texts are escaped.
 
-    If ``narrow``, labels are above the bars, for a phone. A file includes a ``style`` sheet and a white background,
-    whereas the page has its own style sheet.
+    Args:
+        chart: The chart.
+        narrow: Whether to draw the version for phones, with labels above the bars.
+        style: Style sheet to include, with a white background, for a separate file. None for a page, which has its own
+            style sheet.
     """
     width = NARROW_PX if narrow else WIDE_PX
     name = f"{chart.name}-{'narrow' if narrow else 'wide'}{'' if style is None else '-file'}"
@@ -145,14 +155,14 @@ def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str
 
 
 def file_style(figure_css: str, page_css: str) -> str:
-    """Return the style sheet of a chart's file: the page's light colors without CSS variables."""
+    """Return the style sheet for a chart in a separate file: the light colors of the page, without CSS variables."""
     light = dict(re.findall(r"--([\w-]+): light-dark\(([^,]+),", page_css))
     plain = re.sub(r"var\(--([\w-]+)\)", lambda found: light.get(found[1], "#000"), figure_css)
     return plain + "text{font-family:Helvetica,Arial,sans-serif}.ground{fill:#fff}"
 
 
 def reading(figure: Figure) -> str:
-    """Format a number with its count and interval, for the margin of a chart ("62 % · 149/240 · 56 to 68")."""
+    """Format a number with its count and interval, for the margin of a chart, e.g. "62 % · 149/240 · 56 to 68"."""
     if figure.missing:
         return figure.count() or "not measured"
     number = figure.number() if figure.difference else figure.with_unit()
@@ -161,7 +171,7 @@ def reading(figure: Figure) -> str:
 
 
 def fitted(text: str, width_px: float) -> str:
-    """Return a text cut to a width, with an ellipsis if necessary."""
+    """Shorten a text to a width. If it is cut, an ellipsis is appended."""
     most = max(1, int(width_px / _CHARACTER_PX))
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
@@ -171,7 +181,10 @@ def _tick(value: float) -> str:
 
 
 def _patterns(name: str) -> str:
-    """Return the pattern definitions; identifiers include the drawing's name, because a page has several drawings."""
+    """Return the SVG definitions of the fill patterns.
+
+    Their ids include the name of the drawing, since a page has several drawings.
+    """
     made = (
         f'<pattern id="{name}-{family}" width="6" height="6" patternUnits="userSpaceOnUse">{marks}</pattern>'
         for family, marks in PATTERNS.items()
@@ -181,7 +194,10 @@ def _patterns(name: str) -> str:
 
 
 def _margins(chart: Chart) -> tuple[float, float]:
-    """Return the left and right end of the bars in a wide drawing. They leave room for names and numbers."""
+    """Return the x positions at which bars begin and end in the wide version.
+
+    Names and numbers need the rest of the width.
+    """
     rows = [row for group in chart.groups for row in group.rows]
     name = max((len(row.name) for row in rows), default=0) * _CHARACTER_PX + 10
     words = max((len(reading(row.figure)) for row in rows if isinstance(row, Bar)), default=0) * _CHARACTER_PX + 14
@@ -190,7 +206,7 @@ def _margins(chart: Chart) -> tuple[float, float]:
 
 
 class _Pen:
-    """Layout of one drawing from top to bottom."""
+    """Pen that draws the parts of a chart from top to bottom."""
 
     def __init__(self, name: str, width: int, *, narrow: bool) -> None:
         self.name = name
@@ -202,19 +218,19 @@ class _Pen:
         self.marks: list[str] = []
 
     def text(self, x: float, y: float, text: str, style: str = "", full: str = "") -> None:
-        """Write a text; if it is truncated, ``full`` is shown as a tooltip."""
+        """Write a text. If it was shortened, ``full`` is shown as a tooltip."""
         hint = f"<title>{markup_text(full)}</title>" if full and full != text else ""
         self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{markup_text(text)}{hint}</text>')
 
     def box(self, x: float, width: float, height: float, style: str) -> None:
-        """Draw a bar at the current height, with its family's pattern over it."""
+        """Draw a bar at the current vertical position, with the fill pattern of its outcome family."""
         at = f'x="{x:.1f}" y="{self.y:.1f}" width="{max(width, 0.0):.1f}" height="{height:.1f}"'
         self.marks.append(f'<rect {at} class="box {style}"/>')
         if PATTERNS.get(style):
             self.marks.append(f'<rect {at} fill="url(#{self.name}-{style})"/>')
 
     def key(self, entries: Sequence[tuple[str, str]]) -> None:
-        """Draw the legend, on as many lines as necessary."""
+        """Draw the legend, on as many lines as needed."""
         if not entries:
             return
         x = self.left
@@ -231,7 +247,7 @@ class _Pen:
         self.y += 26
 
     def chart(self, chart: Chart) -> None:
-        """Draw the scale and all rows."""
+        """Draw the scale and all rows of a chart."""
         bars = any(isinstance(group, BarGroup) for group in chart.groups)
         if bars:
             for value in chart.scale.values:
@@ -250,7 +266,7 @@ class _Pen:
             self.y += 5
 
     def _tick(self, scale: Scale, value: float) -> None:
-        """Write a value of the scale, right-aligned at the end of the drawing."""
+        """Write a value below its grid line. At the ends of the drawing, the text is aligned with the border."""
         x, text = self._x(scale, value), _tick(value)
         half = len(text) * _CHARACTER_PX / 2
         side = " begin" if x < half else " end" if x + half > self.width else ""

@@ -1,4 +1,7 @@
-"""Films: a few frames of a trial and its training twin, which the report shows next to the evidence."""
+"""Films: a few frames of a trial and of its training twin, which the report shows next to the evidence.
+
+The training twin of a variation trial is the training trial with the same seed.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,27 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""Time between the evidence and the frame before it and, for short evidence, the frame after it [s]. Reaching over the
-table takes one to two seconds, a grasp a fifth of a second."""
+"""Time between the beginning of the evidence and the frame before it [s]. If the evidence is short, the frame after it
+follows at the same distance. Reaching over the table takes one to two seconds, a grasp a fifth of a second.
+"""
 
 ACTS = ("attempt", "evidence", "same step")
-"""Captions of a film's main frame; "same step" is for a twin's frame that is not a grasp."""
+"""Captions of the main frame of a film. "same step" is used for a frame of the training twin that does not show a
+grasp.
+"""
 
 _SIGNATURES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
 _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2, Kind.UNFINISHED: 4}
 
 
 def film_key(policy: str, trial: str) -> str:
-    """Return the name of a trial's film ("fast_food/T1/3") among the films of several policies."""
+    """Return the key that identifies the film of a trial ("fast_food/T1/3") among the films of several policies."""
     return f"{policy} {trial}"
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a film: simulated time [s], a JPEG or PNG file, and an optional caption."""
+    """One image of a film: the simulated time [s], a JPEG or PNG file, and an optional caption."""
 
     time_s: float
     image: bytes
@@ -40,20 +46,20 @@ class Frame:
         if not any(self.image.startswith(signature) for signature in _SIGNATURES):
             raise InvalidInputError("image", "expected a JPEG or PNG file", "Encode the frame as JPEG or PNG")
         if not (math.isfinite(self.time_s) and self.time_s >= 0.0):
-            raise InvalidInputError("time_s", f"{self.time_s!r} is not a valid time", "Give a time ≥ 0 s")
+            raise InvalidInputError("time_s", f"{self.time_s!r} is not a valid time", "Use a time ≥ 0 s")
 
     @property
     def media_type(self) -> str:
-        """Media type, from the first bytes of the file."""
+        """Media type of the image, determined from the first bytes of the file."""
         return next(kind for signature, kind in _SIGNATURES.items() if self.image.startswith(signature))
 
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The frames of a trial ("fast_food/T1/3") and its counterfactual twin.
+    """Frames of a trial ("fast_food/T1/3") and of its training twin, i.e. the training trial with the same seed.
 
-    ``evidence_s`` is the beginning and end of the evidence [s]. Frames inside this span are marked. ``clip`` is a film
-    of both episodes side by side (H.264 in MP4). Browsers that cannot play it show the frames.
+    ``evidence_s`` is the beginning and the end of the evidence [s]. Frames within this interval are marked. ``clip`` is
+    a video of both episodes side by side (H.264 in MP4). Browsers that cannot play the video show the frames.
     """
 
     policy: str
@@ -66,15 +72,16 @@ class Film:
 
     @property
     def key(self) -> str:
-        """Name among the films of several policies."""
+        """Key of this film among the films of several policies."""
         return film_key(self.policy, self.trial)
 
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial to show as a film, with the strictly increasing times to render [s] and their captions.
+    """Trial to show as a film, with the times to render [s] in increasing order and their captions.
 
-    ``twin`` is None if the run has no record of the twin. ``evidence_s`` is the time span of the evidence [s].
+    ``twin`` is the training trial with the same seed; None if the run has no record of it. ``evidence_s`` is the
+    beginning and the end of the evidence [s].
     """
 
     policy: str
@@ -88,20 +95,21 @@ class Showing:
 
     @property
     def key(self) -> str:
-        """Unique name of its film among the films of several policies."""
+        """Key of the film among the films of several policies."""
         return film_key(self.policy, self.trial)
 
 
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
-    """Return at most ``limit`` representative trials with the times to render, most informative first.
+    """Return at most ``limit`` representative trials with the times to render, the most informative trials first.
 
-    Every kind of failure of every variation is shown once before a second example of any kind. Each pair of variation
-    and label is represented by the trial whose evidence is at the median time, preferably a trial whose twin succeeded.
-    With ``repeats``, the other trials of the pairs follow. Reasoning failures come first, then execution failures, then
-    solved trials. Within each group, the most frequent pairs come first. Trials without a record are left out.
+    Every kind of failure of every variation is shown once before any of them is shown a second time. Each combination
+    of variation and label is represented by the trial whose evidence begins at the median time, preferably by a trial
+    whose training twin (the training trial with the same seed) succeeded. With ``repeats``, further trials of these
+    combinations follow. Reasoning failures come first, then execution failures, then solved trials. Within each of
+    these groups, the most frequent combinations come first. Trials without a record are left out.
     """
     if limit < 0:
-        raise InvalidInputError("limit", f"{limit} is negative", "Give a number of at least 0")
+        raise InvalidInputError("limit", f"{limit} is negative", "Use a number of at least 0")
     by_key = {trial.key: trial for trial in diagnosis.trials if trial.record is not None}
     groups: dict[tuple[str, str, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in by_key.values():
@@ -115,7 +123,10 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
 
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
-    """Return every failed variation trial with a record; the report shows their initial image with the path."""
+    """Return all failed variation trials with a record.
+
+    The report shows their initial image with the path of the gripper.
+    """
     varied = [t for t in diagnosis.counted_trials if t.variation is not None and t.record is not None]
     return [t for t in varied if not t.success]
 
@@ -123,9 +134,10 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
     """Sort trials so that the most representative trial comes first.
 
-    Trials whose twin succeeded are preferred to trials whose twin failed, and these to trials without a twin. Among the
-    most preferred trials, the first is the one whose evidence begins at the median time. The others are sorted by this
-    preference, then by seed.
+    The training twin of a trial is the training trial with the same seed. Trials whose training twin succeeded are
+    preferred to trials whose training twin failed, and both are preferred to trials without a training twin. Among the
+    most preferred trials, the trial whose evidence begins at the median time comes first. All other trials are sorted
+    by this preference and then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
@@ -139,9 +151,10 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the times to show.
+    """Choose the moments to show of a trial and of its training twin (the training trial with the same seed).
 
-    Those of the trial are around its evidence, and those of its twin around the same step.
+    The moments of the trial are around its evidence, and those of the training twin are around the corresponding step
+    of the task.
     """
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
@@ -163,10 +176,16 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 
 
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
-    """Return the span in a twin that corresponds to a trial's evidence, its duration, and the caption.
+    """Return the interval in a training twin that corresponds to the evidence of a trial.
 
-    The span is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, and the
-    evidence is about the trial's n-th attempted object, it is the twin's grasp of its n-th attempted object.
+    The training twin is the training trial with the same seed.
+
+    The interval is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, and
+    the evidence is about the n-th object that the policy attempted to grasp in the trial, the interval is the grasp of
+    the n-th object in the twin.
+
+    Returns:
+        Start and end of the interval, duration of the twin [s], and caption.
     """
     if not twin.attempts:
         return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"
@@ -187,7 +206,7 @@ def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, floa
 
 
 def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
-    """Return the first attempt at each object, in order of time."""
+    """Return the first grasp attempt at each object, in order of time."""
     firsts: dict[str, Attempt] = {}
     for attempt in attempts:
         if attempt.object is not None:
@@ -196,7 +215,7 @@ def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
 
 
 def _moments(start_s: float, end_s: float, duration_s: float, what: str) -> dict[float, str]:
-    """Return up to five times with their captions; equal times share a frame."""
+    """Return up to five moments with their captions. Moments that are nearly equal are merged."""
     wanted: Iterable[tuple[float, str]] = (
         (start_s, what),
         (0.0, "start"),

@@ -1,4 +1,4 @@
-"""Sheets of labeled images for documents, such as scene pairs by task or asset variants by category."""
+"""Sheets of labeled images for documents, such as pairs of scenes by task, or variants of objects by category."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 PAPER, INK, SOFT = "#fafaf8", "#1c1c1e", "#6e6e74"
-"""Colors for background, titles and subtitles."""
+"""Colors of the background, the titles and the subtitles."""
 
 _DPI = 100
 _GAP_PX, _PAD_PX, _LINE_PX = 4, 10, 19
@@ -18,7 +18,7 @@ _GAP_PX, _PAD_PX, _LINE_PX = 4, 10, 19
 
 @dataclass(frozen=True, slots=True)
 class SheetCell:
-    """Cell of a sheet: images of one size, (height, width, 3) uint8, side by side under a title and a gray subtitle."""
+    """Cell of a sheet: images side by side, (height, width, 3) uint8, under a title and a gray subtitle."""
 
     title: str
     images: Sequence[np.ndarray]
@@ -26,10 +26,10 @@ class SheetCell:
 
 
 def image_sheet(rows: Sequence[Sequence[SheetCell]]) -> np.ndarray:
-    """Return a sheet of cell rows as (height, width, 3) uint8 pixels; images are not resized.
+    """Draw a sheet from rows of cells, as (height, width, 3) uint8 pixels. Images are not resized.
 
-    All cells have the same number of images of the same width. A row is as tall as its tallest image. A text that is
-    wider than its cell is cut after a word.
+    All cells have the same number of images, and all images have the same width. A row is as tall as its tallest image.
+    A text that is wider than its cell is cut after a word.
     """
     cells = [cell for row in rows for cell in row]
     wide = cells[0].images[0].shape[1]

@@ -11,7 +11,10 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """The scenes of a variation and its training twin at reset (JPEG), or None if the run has no such scene."""
+    """Initial scenes of a variation and of the training trial with the same seed, as JPEG.
+
+    ``training`` is None if the run has no such training trial.
+    """
 
     test: bytes
     training: bytes | None = None
@@ -19,14 +22,14 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and run folders by name. The page omits missing entries.
+    """Images and run folders for a report. The page leaves out parts for which they are missing.
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.
-        paths: Images of the initial state with the end effector's path (JPEG), by the same keys.
-        thumbnails: Scenes by variation ("fast_food/T1").
-        folders: Run folder by policy, as given by the caller, for commands.
-        options: Further options of these commands (" --task-file mine.py").
+        paths: Images of the initial state with the path of the end effector (JPEG), by the same keys.
+        thumbnails: Initial scenes by variation ("fast_food/T1").
+        folders: Run folder of each policy as the user wrote it, for commands.
+        options: Further options for these commands, such as " --task-file mine.py".
     """
 
     films: Mapping[str, Film] = field(default_factory=dict)
@@ -36,14 +39,17 @@ class Media:
     options: str = ""
 
     def replay_command(self, policy: str, record: str | None) -> str:
-        """Return the command that writes the film of a record ("records/fast_food/T1/0.parquet"), or ""."""
+        """Return the command that renders a record ("records/fast_food/T1/0.parquet") as a video.
+
+        Return "" if the record or the run folder is unknown.
+        """
         start = self.replay_start(policy)
         return f"{start}{record} --twin{self.options}" if start and record is not None else ""
 
     def replay_start(self, policy: str) -> str:
-        """Return the beginning of commands that replay a policy's trials.
+        """Return the beginning of all commands that replay trials of a policy.
 
-        The result is empty if its folder is unknown.
+        Return "" if the run folder is unknown.
         """
         folder = self.folders.get(policy)
         return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"

@@ -1,4 +1,4 @@
-"""Trial player: a page with video, masks, boxes, subgoals and contacts of one trial on one timeline."""
+"""Trial player: a page with the video, masks, boxes, subgoals and contacts of one trial on a common timeline."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from betterbench.report.html import asset, environment, write
 
 _HEAD_BYTES = 1 << 18
 _MARKS = (b'<main class="player">', b'<script type="application/json" id="data">')
-"""Markers that identify a player page, near its beginning and after the style."""
+"""Markers by which a player page is recognized. They occur near the beginning and after the style sheet."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlayedView:
-    """Camera view with an image (JPEG), a mask (PNG, transparent outside objects) and boxes for each frame.
+    """View of one camera: for each frame an image (JPEG), a mask (PNG, transparent outside the objects), and boxes.
 
-    A box consists of the object's number in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge [pixel],
-    and the object's visible fraction.
+    A box consists of the index of the object in :attr:`PlayedTrial.objects`, the left, top, right and bottom edge
+    [pixel], and the visible fraction of the object.
     """
 
     name: str
@@ -39,7 +39,7 @@ class PlayedView:
 
 @dataclass(frozen=True, slots=True)
 class PlayedLane:
-    """Row of a timeline: spans of frames (both ends included), each with a text."""
+    """Row of the timeline: intervals of frames (first and last frame), each with a text."""
 
     kind: str
     name: str
@@ -52,9 +52,13 @@ class PlayedTrial:
 
     Attributes:
         heading: Trial name ("fast_food/T1/3").
+        policy: Name of the policy.
+        instruction: Instruction of the trial.
         ended: Outcome of the trial as text.
         times_s: Time of each frame [s].
-        objects: Names of the objects, with their colors as (red, green, blue).
+        objects: Name of each object, with its color as (red, green, blue).
+        views: Views of the cameras.
+        lanes: Rows of the timeline.
     """
 
     heading: str
@@ -68,15 +72,17 @@ class PlayedTrial:
 
 
 def write_player(trial: PlayedTrial, path: Path) -> Path:
-    """Write the page of a trial and return its path. The page is self-contained and works offline.
+    """Write the player page of a trial, and return its path. The page is self-contained and works offline.
 
     Raises:
-        InvalidInputError: If a view does not have one frame per time.
+        InvalidInputError: If a view does not have one frame for each time.
     """
     frames = len(trial.times_s)
     for view in trial.views:
         if not frames == len(view.pictures) == len(view.masks) == len(view.boxes):
-            raise InvalidInputError(f"view {view.name}", f"does not have {frames} frames", "Give one frame per time")
+            raise InvalidInputError(
+                f"view {view.name}", f"the view does not have {frames} frames", "Provide one frame for each time"
+            )
     script = asset("player.js")
     page = (
         environment()
@@ -93,14 +99,14 @@ def write_player(trial: PlayedTrial, path: Path) -> Path:
 
 
 def is_player(path: Path) -> bool:
-    """Return whether a file is a page written by :func:`write_player` of any version."""
+    """Return whether a file is a player page that :func:`write_player` wrote in this or an earlier version."""
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"<!doctype html>") and all(mark in head for mark in _MARKS)
 
 
 def _data(trial: PlayedTrial) -> str:
-    """Return the data of the script as JSON, escaped for a script element."""
+    """Return the data for the page's script as JSON that is safe inside a script element."""
     form = {
         "times": [round(time_s, 4) for time_s in trial.times_s],
         "objects": [{"name": name, "color": list(color)} for name, color in trial.objects],

@@ -1,1 +1,1 @@
-"""Pages: reports on runs, and pages for calibrations, certificates, power and preflight checks."""
+"""Pages: reports on runs, and pages for calibrations, certificates, power measurements and preflight checks."""

@@ -1,4 +1,4 @@
-"""Page of a generated suite: certified tasks with their cards, and rejected scenarios with their attempts."""
+"""Page about a generated suite: certified tasks with their task cards, and rejected scenarios with their attempts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ def write_build_page(
     cards: Mapping[str, str],
     power: PowerMatrix | None = None,
 ) -> Path:
-    """Write the page and return its path.
+    """Write the page about a generated suite, and return its path.
 
     Args:
-        built: Outcome of the build.
+        built: Outcome of the generation.
         path: File to write.
-        settings: Settings of the build.
+        settings: Settings of the generation.
         cards: Address of each task's card, relative to the page.
-        power: Power of the variations, if it was measured.
+        power: Power matrix, which contains the success rates of reference policies on the variations; None if it was
+            not measured.
     """
     certified = [result for result in built.results if result.certified]
     page = (
@@ -46,7 +47,10 @@ def write_build_page(
 
 
 def powerless_of(task: str, power: PowerMatrix | None) -> Sequence[str]:
-    """Return the variations of a task that every faulty rule of a power matrix solves."""
+    """Return the variations of a task that do not reveal any fault.
+
+    Every faulty rule in the power matrix solves them.
+    """
     if power is None:
         return ()
     return [name for owner, name in power.variations if owner == task and power.control((owner, name))]

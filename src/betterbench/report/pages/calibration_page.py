@@ -1,4 +1,4 @@
-"""Calibration page: the confusion matrix as image and table, every wrong label, and the results of blind policies."""
+"""Page about a calibration: confusion matrix, wrong labels, and results of policies that lack vision or instruction."""
 
 from __future__ import annotations
 
@@ -31,11 +31,20 @@ def write_calibration_page(
     cure: str = "measure it again with better calibrate --power",
     strips: Mapping[tuple[str, str], bytes] | None = None,
 ) -> Path:
-    """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
+    """Write the page, the confusion matrix as SVG and PNG, and the tables as Markdown into a folder.
 
-    With a power matrix, the page also shows which variations can be solved without vision or instruction. Without it,
-    the page shows the ``cure``, a command that measures the matrix. ``strips`` are film strips (JPEG) of trials with a
-    wrong label, by policy and trial.
+    With a power matrix, the page also shows which variations can be solved without vision or instruction.
+
+    Args:
+        calibration: The calibration.
+        out: Folder to write to.
+        family: Family of policies that were used for the calibration.
+        power: Power matrix; None if it was not measured.
+        cure: Command that measures the power matrix, which is shown if there is none.
+        strips: Film strips (JPEG) of trials with a wrong label, by policy and trial.
+
+    Returns:
+        Path of the page.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
@@ -61,9 +70,9 @@ def write_calibration_page(
 
 
 def confusion_figure(calibration: Calibration) -> Figure:
-    """Return the confusion matrix with one row per true label.
+    """Return the confusion matrix with one row for each true label.
 
-    Cells show counts and are shaded by their share of the row.
+    Cells show counts. The darker a cell, the larger its fraction of the row.
     """
     import matplotlib as mpl  # noqa: PLC0415 - takes 0.4 s, which a diagnosis in the terminal does not need
     from matplotlib.figure import Figure  # noqa: PLC0415
@@ -108,7 +117,10 @@ def confusion_figure(calibration: Calibration) -> Figure:
 
 
 def calibration_markdown(calibration: Calibration, family: str = "faulty") -> str:
-    """Return a calibration's tables as Markdown; the policy family decides the rows."""
+    """Return the tables of a calibration as Markdown.
+
+    The rows are faulty policies or, for the independent family, habits.
+    """
     lines = [
         calibration_summary(calibration),
         "",
@@ -127,7 +139,7 @@ def calibration_markdown(calibration: Calibration, family: str = "faulty") -> st
 
 
 def rates_by_policy(calibration: Calibration, family: str) -> dict[str, Rate]:
-    """Return the correctly labeled trials per faulty policy, or per habit of the independent family."""
+    """Count the correctly labeled trials for each faulty policy or, in the independent family, for each habit."""
     rates: dict[str, Rate] = {}
     for policy, rate in calibration.policies.items():
         name = policy if family == "faulty" else policy.rpartition("-")[0]
@@ -137,7 +149,7 @@ def rates_by_policy(calibration: Calibration, family: str) -> dict[str, Rate]:
 
 
 def calibration_summary(calibration: Calibration) -> str:
-    """Return the summary of a calibration in a few sentences."""
+    """Return a summary of a calibration in a few sentences."""
     kinds, overall = rate_text(calibration.failed_kinds), rate_text(calibration.overall)
     labels = (
         f"Of the failed trials, {rate_text(calibration.failed)} got their true label, and {kinds} got a label of the "
@@ -160,12 +172,12 @@ def calibration_summary(calibration: Calibration) -> str:
 
 
 def rate_text(rate: Rate) -> str:
-    """Return a rate with its count: "98.3 % (118/120)"."""
+    """Format a rate with its count, e.g. "98.3 % (118/120)"."""
     return "–" if rate.n == 0 else f"{percent(rate.k, rate.n)} % ({rate.k}/{rate.n})"
 
 
 def label_name(label: Label) -> str:
-    """Return a label in words."""
+    """Return a label as words, i.e. with spaces instead of underscores."""
     return label.value.replace("_", " ")
 
 

@@ -1,4 +1,4 @@
-"""Pictures in the cells of the diagnostic matrices: the film of a trial if there is one, else the scene at reset."""
+"""Pictures in the cells of the diagnostic matrices: a frame of a film or, if there is none, the initial scene."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from betterbench.report.outcomes import task_of
 from betterbench.report.tables.matrices import Cell, Matrix
 
 CellName = tuple[str, str, str, str]
-"""Name of the matrix, policy, row and column."""
+"""Name of the matrix, name of the policy, row, and column."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShownFilm:
-    """A film on the page: its number, its trial, and whether its twin has frames."""
+    """Film on the page: its index, the film, and its trial."""
 
     number: int
     film: Film
@@ -26,12 +26,12 @@ class ShownFilm:
 
 @dataclass(frozen=True, slots=True)
 class CellPicture:
-    """Picture of a cell.
+    """Picture in a cell of a diagnostic matrix.
 
     Attributes:
-        frame: The picture: the main frame of a film, or the scene at reset.
+        frame: The picture: the main frame of a film, or the initial scene.
         text: Alternative text of the picture.
-        film: Number of the film on the page, or None for a scene.
+        film: Index of the film on the page; None for a scene.
     """
 
     frame: Frame
@@ -40,9 +40,9 @@ class CellPicture:
 
 
 def cell_pictures(matrices: Iterable[Matrix], films: Sequence[ShownFilm], media: Media) -> dict[CellName, CellPicture]:
-    """Return the pictures of all cells that have one.
+    """Return the pictures of the cells. A cell has no picture if there is neither a film nor a scene for it.
 
-    A film of the most frequent outcome of the cell is preferred to other films.
+    A film with the most frequent outcome in the cell is preferred to other films.
     """
     found = {}
     for matrix in matrices:
@@ -65,7 +65,10 @@ def _filmed(policy: str, cell: Cell, films: Sequence[ShownFilm]) -> CellPicture 
 
 
 def _scene(cell: Cell, media: Media) -> CellPicture | None:
-    """Return the scene of the first condition with an image; a training condition's image belongs to a variation."""
+    """Return the initial scene of the first condition that has an image.
+
+    The image of a training condition is stored with a variation that is derived from it.
+    """
     for source in cell.sources:
         images = media.thumbnails.get(source.id)
         if images is not None:

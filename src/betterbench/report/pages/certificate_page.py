@@ -1,4 +1,4 @@
-"""Write a certificate as one self-contained HTML page, which shows the smallest margins of each task and condition."""
+"""Page about a certificate: the smallest margins of each task and condition, in one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.report.html import environment, write
 
 @dataclass(frozen=True, slots=True)
 class TaskRows:
-    """The variations and training conditions of one task on the page."""
+    """Variations and training conditions of one task, as shown on the page."""
 
     task: str
     variations: tuple[Summary, ...]
@@ -21,12 +21,12 @@ class TaskRows:
 
 
 def write_certificate_page(certificate: Certificate, path: Path) -> Path:
-    """Write the page and return its path."""
+    """Write the page about a certificate, and return its path."""
     return write(path, render_certificate(certificate))
 
 
 def render_certificate(certificate: Certificate) -> str:
-    """Return the page as HTML."""
+    """Return the page about a certificate as HTML."""
     groups = summaries(certificate.trials)
     return (
         environment()

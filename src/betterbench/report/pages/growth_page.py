@@ -1,4 +1,7 @@
-"""Page of a grown suite: quotas, certified tasks with their cards, rejections by clause, and near-duplicates."""
+"""Page about a suite that is generated until its quotas are met.
+
+It shows the quotas, the certified tasks with their cards, the rejected scenarios by reason, and near-duplicates.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +20,15 @@ from betterbench.report.pages.build_page import powerless_of
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Bar that shows how often one value of a property occurs.
+    """Bar that shows how often a value of a property occurs.
 
     Attributes:
         value: The value.
-        amount: Amount as text.
-        percent: Length of the bar, of all tasks or variations [%].
-        least: Position of the quota's minimum on the bar [%]; None without a quota.
-        most: Position of the quota's maximum on the bar [%]; None without a maximum.
-        is_open: Whether its quota is not fulfilled.
+        amount: Number of occurrences as text.
+        percent: Length of the bar, as a percentage of all tasks or variations.
+        least: Position of the quota's minimum on the bar [%]; None if there is no quota.
+        most: Position of the quota's maximum on the bar [%]; None if the quota has no maximum.
+        is_open: Whether the quota is not met yet.
     """
 
     value: str
@@ -51,12 +54,12 @@ class RefusalGroup:
 
 @dataclass(frozen=True, slots=True)
 class Cure:
-    """Change that was tried after a failure.
+    """Change to a scenario that was tried after a failed attempt.
 
     Attributes:
         change: The change.
-        tried: Number of scenarios with which it was tried.
-        helped: Number of those that were certified with it.
+        tried: Number of scenarios with which the change was tried.
+        helped: Number of scenarios that were certified with this change.
     """
 
     change: str
@@ -73,14 +76,15 @@ def write_growth_page(
     power: PowerMatrix | None = None,
     finished: bool = True,
 ) -> Path:
-    """Write the page and return its path.
+    """Write the page about a growing suite, and return its path.
 
     Args:
         growth: Outcome of the growth.
         path: File to write.
-        seeds: Certified trials of each variation.
+        seeds: Number of certified trials for each variation.
         cards: Address of each task's card, relative to the page.
-        power: Power of the variations, if it was measured.
+        power: Power matrix, which contains the success rates of reference policies on the variations; None if it was
+            not measured.
         finished: Whether the growth has ended.
     """
     page = (
@@ -105,7 +109,7 @@ def write_growth_page(
 
 
 def bars_of(growth: Growth) -> dict[str, list[Bar]]:
-    """Return the bars of each property. There is a bar for each value that occurs or has a quota."""
+    """Return the bars of each property, one for each value that occurs or has a quota."""
     tasks = growth.accepted
     counts: dict[str, Counter[str]] = {
         "template": Counter(task.result.template for task in tasks),
@@ -136,7 +140,7 @@ def bars_of(growth: Growth) -> dict[str, list[Bar]]:
 
 
 def refusal_groups(refused: Sequence[Result]) -> list[RefusalGroup]:
-    """Return the rejected scenarios by the first failed clause of their first attempt, the largest group first."""
+    """Group the rejected scenarios by the reason why their first attempt failed. The largest group comes first."""
     groups: dict[str, list[Result]] = {}
     for result in refused:
         groups.setdefault(_finding(result), []).append(result)
@@ -145,7 +149,7 @@ def refusal_groups(refused: Sequence[Result]) -> list[RefusalGroup]:
 
 
 def _finding(result: Result) -> str:
-    """Return the clause that the first attempt failed, or the stage that it did not pass."""
+    """Return the requirement of the certificate that the first attempt violated, or the stage at which it failed."""
     first = result.attempts[0]
     if first.failures:
         clause = first.failures[0].clause
@@ -156,7 +160,7 @@ def _finding(result: Result) -> str:
 
 
 def cures_of(growth: Growth) -> list[Cure]:
-    """Return the changes that were tried after a failed attempt, in the order of trying."""
+    """Return the changes that were tried after a failed attempt, in the order in which they were tried."""
     tried: Counter[str] = Counter()
     helped: Counter[str] = Counter()
     for result in (*(task.result for task in growth.tasks), *growth.refused):

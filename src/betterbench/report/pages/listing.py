@@ -1,4 +1,4 @@
-"""Compact trial data for the page: each string is stored once, and each trial is an array."""
+"""Compact data about trials for the page: each string is stored once, and each trial is an array."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 
 
 class StringTable:
-    """Table of strings by index, so that each string occurs only once on a page; None has the index −1."""
+    """Table of strings, in which each string is stored once and has an index. The index −1 stands for None."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
         self._numbers: dict[str, int] = {}
 
     def __getitem__(self, text: str | None) -> int:
-        """Return a text's number, assigning a new one if necessary."""
+        """Return the index of a text. A text that is not in the table is added."""
         if text is None:
             return -1
         text = printable(text, most=LONGEST_TEXT)
@@ -34,7 +34,13 @@ class StringTable:
 
 
 def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], media: Media = NO_MEDIA) -> dict[str, Any]:
-    """Return the data for the trial list; ``films`` maps keys to film numbers. page.js names the columns of a trial."""
+    """Return the data for the list of trials. The file page.js names the columns of a trial.
+
+    Args:
+        diagnoses: Diagnoses of the runs.
+        films: Index of each film on the page, by key.
+        media: Images and run folders.
+    """
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
     kinds = families_of(t for d in diagnoses for t in d.trials)
@@ -51,7 +57,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
 
 
 def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mapping[str, int]) -> list[Any]:
-    """Return a trial's columns in the order used by page.js."""
+    """Return the columns of a trial in the order that page.js expects."""
     evidence = trial.evidence
     attempts = [
         [_s(a.start_s), _s(a.end_s), strings[a.object], strings[a.slot], strings[a.result], int(a.secured)]
@@ -91,5 +97,5 @@ def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mappin
 
 
 def _s(value: float) -> float | None:
-    """Return a number rounded to the millisecond, or None if it is not finite."""
+    """Round a number to three digits. Return None if it is not finite."""
     return round(value, 3) if math.isfinite(value) else None

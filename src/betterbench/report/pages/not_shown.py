@@ -1,4 +1,7 @@
-"""Abilities that a passed variation does not prove, because a policy without them also passes."""
+"""Abilities that a policy may lack although it passes a variation.
+
+They are found with pretenders, i.e. reference policies that lack an ability on purpose.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,18 @@ _ABILITIES = {
     "zoo:color": "distinguishing the requested object from objects of the same color",
     "zoo:shape": "distinguishing the requested object from objects of the same shape",
 }
-"""Ability that each pretender lacks, and which is therefore not required where the pretender succeeds."""
+"""Ability that each pretender lacks. If the pretender passes a variation, the variation does not require this ability.
+"""
 _OF_LOOK_ALIKES = ("zoo:color", "zoo:shape")
-"""Pretenders that are considered only if objects were exchanged for look-alikes."""
+"""Pretenders that are only considered for variations in which objects were replaced by look-alikes."""
 _MOVING_BLIND = (*BLIND[1:], FLOOR[0])
 
 
 def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
-    """Return the pretenders that pass over half of a variation's trials, or a quarter of them if they move blindly."""
+    """Return the reference policies that pass a variation, i.e. solve more than half of its trials.
+
+    Reference policies that move without looking pass if they solve more than a quarter of the trials.
+    """
     perturbed = get_task(key[0]).variation(key[1]).axis is Axis.ADVERSARIAL_OBJECT_PERTURBATION
     found = []
     for name in _ABILITIES:
@@ -38,7 +45,7 @@ def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
 
 
 def not_shown(matrix: PowerMatrix, key: Key) -> str:
-    """Return a sentence on the abilities that passing a variation does not show, from the measured trials."""
+    """Return a sentence about the abilities that a policy may lack although it passes a variation."""
     if all(matrix.cell(name, key) is None for name in _ABILITIES):
         return "The power of this variation was not measured."
     passing = passing_pretenders(matrix, key)

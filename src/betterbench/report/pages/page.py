@@ -1,4 +1,4 @@
-"""The report page: one self-contained HTML file that works offline; its tables are also separate files."""
+"""Report page: one self-contained HTML file that works offline. The tables are also written to separate files."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
-"""Number of frames in the strip on the first screen: reach, evidence and outcome, in this order."""
+"""Number of frames in the film strip on the first screen: reach, evidence and outcome, in this order."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """Row of the settings table, with a value per policy, or a single value if all policies agree."""
+    """Row of the settings table, with one value per policy, or a single value if all policies agree."""
 
     name: str
     values: tuple[str, ...]
@@ -58,7 +58,7 @@ _HEAD_BYTES, _TITLE = 10_000, " · BeTTER</title>".encode()
 
 @dataclass(frozen=True, slots=True)
 class ShownChart:
-    """A chart on the page: drawn wide, drawn narrow, and as a file."""
+    """Chart on the page, in the wide version, the narrow version, and the version for a separate file."""
 
     chart: Chart
     wide: Markup
@@ -68,7 +68,12 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """Note on a run that is in progress or stopped, with a sentence and the number of missing trials per condition."""
+    """Note about a run that is still in progress or was stopped.
+
+    Attributes:
+        text: The note as a sentence.
+        left: Number of missing trials by condition.
+    """
 
     text: str
     left: tuple[tuple[str, int], ...]
@@ -76,7 +81,15 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """Film on the first screen: frames around the evidence, frames of the twin, and one captioned frame of each."""
+    """Film that the first screen of the report shows.
+
+    Attributes:
+        shown: The film.
+        frames: Frames around the evidence.
+        twin_frames: Frames of the training twin (the training trial with the same seed) at the corresponding step of
+            the task.
+        pair: One frame of the trial and one of its training twin, each with a caption.
+    """
 
     shown: ShownFilm
     frames: tuple[Frame, ...]
@@ -85,7 +98,7 @@ class Opening:
 
 
 def is_report(out: Path) -> bool:
-    """Return whether a folder contains a report, which is a page with the title of betterbench and its tables."""
+    """Return whether a folder contains a report: a page with the title of betterbench, and a folder of tables."""
     try:
         with open_ordinary(out / "index.html") as file:
             head = file.read(_HEAD_BYTES)
@@ -106,20 +119,29 @@ def write_report(
     knowledge: Sequence[Knowledge] = (),
     assets: Sequence[str] = (),
 ) -> Path:
-    """Write the report on one policy, or on several side by side, and return the path to ``index.html``.
+    """Write the report on one policy, or on several policies side by side. Return the path of ``index.html``.
 
-    The page needs no network and no other file. The same tables are written next to it as ``tables/NAME.csv`` and
-    optionally ``tables/NAME.tex``, and the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
-    ``films`` defaults to the films of ``media``. ``machine`` and ``trust`` are texts by name ("processor",
-    "Calibration"). ``knowledge`` contains models' answers to questions on the same trials, ``assets`` the sources and
-    licenses of the objects.
+    The page needs no network and no other file. The tables are also written as ``tables/NAME.csv`` and optionally
+    ``tables/NAME.tex``, and the charts as ``figures/NAME.svg``.
+
+    Args:
+        diagnoses: Diagnoses of the runs, in the order of the page.
+        out: Folder to write to.
+        films: Films of trials; None for the films of ``media``.
+        latex: Whether to write the tables as LaTeX too.
+        media: Images and run folders.
+        machine: Facts about the machine, by name (e.g. "processor").
+        trust: Statements about the reliability of the results, by name (e.g. "Calibration").
+        knowledge: Answers of models to questions about the same trials.
+        assets: Sources and licenses of the objects.
 
     Raises:
-        InvalidInputError: If no diagnosis is given, two have the same policy, or a film does not belong to a trial.
+        InvalidInputError: If no diagnosis is given, two diagnoses have the same policy, or a film does not belong to a
+            trial.
     """
     names = [diagnosis.policy for diagnosis in diagnoses]
     if not diagnoses:
-        raise InvalidInputError("diagnoses", "no diagnosis is given", "Give the diagnosis of at least one run")
+        raise InvalidInputError("diagnoses", "no diagnosis is given", "Pass the diagnosis of at least one run")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         problem = f"policy {twice[0]!r} occurs twice"
@@ -155,7 +177,10 @@ def render_page(
     knowledge: Sequence[Knowledge] = (),
     assets: Sequence[str] = (),
 ) -> str:
-    """Return the page as HTML, with tables to download, including LaTeX if ``latex`` is set."""
+    """Return the report page as HTML, with links to download the tables.
+
+    ``latex`` tells whether the tables also exist as LaTeX files.
+    """
     pages = environment()
     pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural)
     pages.filters.update(group=_grouped, along=_along, unbroken=_unbroken)
@@ -208,13 +233,16 @@ def render_page(
 
 
 def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
-    """Return the comparison of each policy with the pretenders, and tables for all policies."""
+    """Return the comparisons of policies with pretenders, and tables for all policies.
+
+    A pretender is a reference policy that lacks an ability on purpose.
+    """
     views = pretender_views([d for d in diagnoses if not is_abroad(d)])
     return {"pretenders": views, "pretender_tables": score_tables(views)}
 
 
 def _style_and_script() -> dict[str, str]:
-    """Return the page's style and script, and the script digest for the page's security policy."""
+    """Return the style sheet and the script of the page, and the script's digest for the content security policy."""
     script = asset("page.js")
     return {
         "style": Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
@@ -224,9 +252,9 @@ def _style_and_script() -> dict[str, str]:
 
 
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
-    """Return the diagnostic matrices with results, the short horizon first, and a sentence on each empty matrix.
+    """Return the diagnostic matrices that have results, short horizon first, and a sentence on each empty matrix.
 
-    Runs in other worlds have no matrices, because the matrices are defined for betterbench's own tasks.
+    Runs in other simulated worlds have no matrices, since the matrices are defined for betterbench's own tasks.
     """
     if all(map(is_abroad, diagnoses)):
         return [], []
@@ -244,14 +272,14 @@ def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
-    """Return the films with frames and their trials, failures first."""
+    """Return the films that have frames, with their trials. Films of failures come first."""
     trials = {(d.policy, t.key): t for d in diagnoses for t in d.trials}
     shown: list[ShownFilm] = []
     for film in films.values():
         trial = trials.get((film.policy, film.trial))
         if trial is None:
             problem = f"no trial {film.trial!r} of policy {film.policy!r} in this report"
-            raise InvalidInputError("films", problem, "Give only films of trials in the diagnoses")
+            raise InvalidInputError("films", problem, "Pass only films of trials that the diagnoses contain")
         if film.frames:
             shown.append(ShownFilm(len(shown), film, trial))
     solved = sorted(shown, key=lambda s: s.trial.kind is Kind.NONE)
@@ -259,7 +287,7 @@ def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -
 
 
 def _shown_charts(charts: Sequence[Chart]) -> list[ShownChart]:
-    """Return charts drawn for both widths and for a file."""
+    """Draw charts in the wide version, the narrow version, and the version for a separate file."""
     style = file_style(asset("figure.css"), asset("page.css"))
     return [
         ShownChart(
@@ -273,7 +301,7 @@ def _shown_charts(charts: Sequence[Chart]) -> list[ShownChart]:
 
 
 def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
-    """Return the film that shows the leading failure of a policy, or None."""
+    """Return the film that shows the main failure of a policy. Return None if there is none."""
     failure = headline.failure
     if failure is None:
         return None
@@ -299,12 +327,12 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
 
 
 def _training_title(headlines: Sequence[Headline]) -> str:
-    """Return the heading for the success rate on training conditions next to the gaps."""
+    """Return the heading of the success rate in training conditions, which stands next to the gaps."""
     return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 
 def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
-    """Return an explanation if the numbers of training trials differ within the report, else an empty string."""
+    """Explain why the numbers of training trials differ within the report. Return "" if they do not differ."""
     all_of, twins_of = [], []
     for diagnosis, headline in zip(diagnoses, headlines, strict=True):
         twins = twin_figure(diagnosis, "overall")
@@ -322,13 +350,16 @@ def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headli
 
 
 def _along(figure: Figure, value: float) -> str:
-    """Return the position of a value on the scale below a number ("62.0%"); differences span -1 to 1."""
+    """Return the position of a value on the scale that is drawn below a number, as a CSS length such as "62.0%".
+
+    For a difference, the scale goes from -1 to 1.
+    """
     low = -1.0 if figure.difference else 0.0
     return f"{100 * (min(max(value, low), 1.0) - low) / (1.0 - low):.1f}%"
 
 
 def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
-    """Return the frame nearest to a time, with the frames before and after it, in order of time."""
+    """Return the frame that is nearest to a time, together with the frames before and after it."""
     times = [abs(frame.time_s - time_s) for frame in frames]
     at = times.index(min(times)) if times else 0
     first = max(0, min(at - STRIP_FRAMES // 2, len(frames) - STRIP_FRAMES))
@@ -336,14 +367,14 @@ def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
 
 
 def _title(policies: Sequence[str]) -> str:
-    """Return the page title."""
+    """Return the title of the page."""
     if len(policies) == 1:
         return f"Diagnosis of {policies[0]}"
     return f"Diagnosis of {len(policies)} policies"
 
 
 def _extent(trials: Sequence[TrialDiagnosis], policies: int, *, pending: bool) -> str:
-    """Return a sentence on the number of trials."""
+    """Return a sentence with the numbers of trials, tasks and variations."""
     if not trials:
         return "No trial is done yet." if pending else "The plan contains no trials."
     variations = {(t.task, t.variation) for t in trials if t.variation is not None}
@@ -354,7 +385,7 @@ def _extent(trials: Sequence[TrialDiagnosis], policies: int, *, pending: bool) -
 
 
 def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
-    """Return the sentence on a run in progress or stopped, and the missing trials per condition."""
+    """Return the note about a run that is in progress or was stopped."""
     stopped = [trial.key for trial in diagnosis.unfinished]
     left = Counter(key.rpartition("/")[0] for key in (*diagnosis.pending, *stopped))
     whose = "" if single else f" of {diagnosis.policy}"
@@ -374,7 +405,7 @@ def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
 
 
 def _seeds(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return the seeds as ranges ("seeds 0–19")."""
+    """Format the seeds of trials as ranges, e.g. "seeds 0–19"."""
     seeds = sorted({trial.seed for trial in trials})
     if not seeds:
         return "no seeds"
@@ -390,7 +421,7 @@ def _seeds(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
-    """Return settings by name. A setting has one value if all runs agree, otherwise one value per run."""
+    """Return the settings by name. A setting has one value if all runs agree, otherwise one value per run."""
     names = sorted({name for mapping in values for name in mapping})
     settings = []
     for name in names:
@@ -400,7 +431,7 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
 
 
 def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
-    """Return reasons why the runs are hard to compare, one sentence each."""
+    """Return the reasons why the runs are difficult to compare, one sentence each."""
     warnings = []
     for what, values in (
         ("versions", [d.versions for d in diagnoses]),
@@ -421,10 +452,10 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
 
 
 def _unbroken(text: str) -> str:
-    """Insert non-breaking spaces before percent signs and within p-values of a sentence."""
+    """Insert non-breaking spaces before percent signs and within p-values."""
     return text.replace(" %", f"{THIN}%").replace("p = ", "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 
 def _grouped(number: int) -> str:
-    """Format a count with a thin space between thousands, for five or more digits or on request ("1 440")."""
+    """Format a count with a thin space between the thousands, e.g. "1 440"."""
     return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")

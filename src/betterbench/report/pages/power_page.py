@@ -1,4 +1,7 @@
-"""Power matrix page: success rates of each pretender, and variations that can be solved without observations."""
+"""Page about a power matrix: success rates of pretenders, and variations that can be solved without observations.
+
+A pretender is a reference policy that lacks an ability on purpose.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +31,12 @@ from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
 
 RAW, CORRECTED = "°", "*"
-"""Marks for cells above their chance level, before and after the correction over all cells."""
+"""Marks of cells that are significantly above chance: only before, or also after the correction over all cells."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of a page: heading, caption, columns and rows."""
+    """Table on the page: heading, caption, columns and rows."""
 
     title: str
     caption: str
@@ -42,7 +45,7 @@ class Table:
 
 
 def write_power_page(matrix: PowerMatrix, out: Path) -> Path:
-    """Write the page and its tables as Markdown into a folder; return the page's path."""
+    """Write the page and its tables as Markdown into a folder. Return the path of the page."""
     write(out / "power.md", power_markdown(matrix))
     page = (
         environment()
@@ -53,7 +56,7 @@ def write_power_page(matrix: PowerMatrix, out: Path) -> Path:
 
 
 def power_markdown(matrix: PowerMatrix) -> str:
-    """Return the sentences and tables of a matrix as Markdown."""
+    """Return the sentences and tables about a power matrix as Markdown."""
     lines = [f"- {_markdown(sentence)}" for sentence in power_sentences(matrix)]
     for table in power_tables(matrix):
         lines += ["", f"### {_markdown(table.title)}", "", _markdown(table.caption), ""]
@@ -63,19 +66,19 @@ def power_markdown(matrix: PowerMatrix) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Convert a text to HTML, with names between backticks as code."""
+    """Convert a text to Markdown. Names between backticks are formatted as code."""
     parts = re.split("(`[^`]*`)", text)
     return "".join(markdown_code(part[1:-1]) if n % 2 else _escaped(part) for n, part in enumerate(parts))
 
 
 def _escaped(part: str) -> str:
-    """Escape a part of a text, keeping its leading and trailing space."""
+    """Escape a part of a text for Markdown, and keep its leading and trailing space."""
     inner = part.strip()
     return part.replace(inner, markdown_text(inner), 1) if inner else part
 
 
 def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
-    """Return the conclusions of a matrix about the suite as sentences."""
+    """Return the conclusions of a power matrix about the suite, as sentences."""
     keys = matrix.variations
     control = [_name(key) for key in keys if matrix.control(key)]
     told = len(keys) - len(control)
@@ -100,7 +103,11 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
 
 
 def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
-    """Return sentences on the variations that can be solved blind, before and after the correction."""
+    """Return sentences about variations that policies without vision, instruction or aim can solve.
+
+    These variations are listed before and after a correction for multiple tests. Another sentence lists the variations
+    whose instruction is redundant.
+    """
     said = []
     for mark, chosen in (
         (f"After Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
@@ -123,28 +130,34 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
 
 
 def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells above their chance level after the correction, in order of p-value."""
+    """Return the cells whose success rate is above chance after a correction for multiple tests.
+
+    The smallest p-value comes first.
+    """
     return sorted((c for c in cells if c.flagged), key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells above their chance level before any correction, least likely first."""
+    """Return the cells whose success rate is above chance without any correction, smallest p-value first."""
     found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def redundant(cells: Iterable[BlindCell]) -> list[str]:
-    """Return the variations whose instruction is redundant, because only one makes sense in the scene."""
+    """Return the variations whose instruction is redundant, because no other instruction makes sense in their scene."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 
 def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
-    """Return the tables of a matrix, with the overall results before those by variation."""
+    """Return the tables about a power matrix. The overall results come before those by variation."""
     return _overall(matrix), blind_table(matrix), _rules(matrix), _ceilings(matrix), _limits(matrix)
 
 
 def blind_table(matrix: PowerMatrix) -> Table:
-    """Return the success of every blind pretender on every variation, marked if above chance."""
+    """Return a table with the success rates of policies that lack vision, instruction or aim, on every variation.
+
+    Success rates above chance are marked.
+    """
     names = [name for name in (*BLIND, *FLOOR) if name in matrix.cells]
     tested = {(c.pretender, (c.task, c.variation)): c for c in matrix.blind_cells()}
     rows = []

@@ -1,4 +1,4 @@
-"""Preflight sheet: one PNG with a policy's inputs and the effect of its first answer."""
+"""Preflight sheet: a PNG that shows the inputs of a policy and the effect of its first answer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.jobs import write_durably
 from betterbench.jobs.outputs import mark_of
 
 OUTLINE = "#ff40a0"
-"""Color of the arrow and the dots; no object of the suite has this color."""
+"""Color of the arrow and the dots. No object of the suite has this color."""
 
 _PAPER, _INK, _GRAY, _LINE = "#fafaf8", "#1c1c1e", "#6e6e74", "#d6d6d2"
 _TITLE, _HEAD, _TEXT, _SMALL = 30, 22, 20, 16  # font sizes [px]
@@ -31,12 +31,13 @@ _DPI = 100
 _LETTERS = TextToPath()
 
 CLEAR_PX = 70.0
-"""Minimum length to which the arrow of the first action is enlarged, up to the largest factor [px]."""
+"""The arrow of the first action is enlarged until it has at least this length, but at most by the largest factor [px].
+"""
 FACTORS = (1, 2, 5, 10, 20, 50)
 
 
 class _Shown(Protocol):
-    """An image and its labels; see :class:`betterbench.evaluation.preflight.check.ShownImage`."""
+    """Image with its labels, see :class:`betterbench.evaluation.preflight.check.ShownImage`."""
 
     @property
     def key(self) -> str: ...
@@ -49,7 +50,7 @@ class _Shown(Protocol):
 
 
 class _Content(Protocol):
-    """Content of the sheet; implemented by :class:`betterbench.evaluation.preflight.view.PreflightView`."""
+    """Content of the sheet, as provided by :class:`betterbench.evaluation.preflight.view.PreflightView`."""
 
     @property
     def title(self) -> str: ...
@@ -89,7 +90,7 @@ class _Content(Protocol):
 
 
 def write_preflight_sheet(content: _Content, path: Path) -> Path:
-    """Write the sheet as a PNG with a width of 1400 pixels, and return its path."""
+    """Write the preflight sheet as a PNG with a width of 1400 pixels, and return its path."""
     page = _Page()
     page.write(content.title, _TITLE)
     page.write(content.trial, _SMALL, _GRAY)
@@ -121,7 +122,10 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
 
 
 class _Page:
-    """Layout of texts and images from top to bottom, in pixels from the upper left corner; it is drawn at the end."""
+    """Canvas on which texts and images are placed from top to bottom, in pixels from the upper left corner.
+
+    The canvas is drawn when it is complete.
+    """
 
     def __init__(self) -> None:
         self.x, self.y, self.width = _PAD, float(_PAD), _WIDTH - 2 * _PAD
@@ -133,7 +137,7 @@ class _Page:
         self.y = self._image_top
 
     def write(self, text: str, size: int, color: str = _INK) -> None:
-        """Write text, wrapped to the column."""
+        """Write a text, wrapped to the width of the column."""
         font = FontProperties(size=_points(size))
         for line in _broken(text, font, self.width):
             self._items.append(_text(self.x, self.y, line, font, color))
@@ -152,7 +156,7 @@ class _Page:
             self.x, self.width, self.y = left, width, max(bottom, self.y) + 5
 
     def rule(self) -> None:
-        """Draw a horizontal line with space above and below."""
+        """Draw a horizontal line with space above and below it."""
         y = self.y + 18
 
         def draw(figure: Figure, height: float) -> None:
@@ -167,7 +171,7 @@ class _Page:
     def image(
         self, image: np.ndarray, at: tuple[int, float], size: tuple[int, int], action: _Content | None = None
     ) -> None:
-        """Draw an image at a position, with the action of a sheet on it."""
+        """Draw an image at a position. If ``action`` is given, draw the action of this sheet on the image."""
         (x, y), (width, height) = (at[0], math.floor(at[1])), size
         self._image_top = y
 
@@ -184,7 +188,7 @@ class _Page:
         self._items.append(draw)
 
     def figure(self) -> Figure:
-        """Return the page as a figure with the height of its content."""
+        """Return the canvas as a figure that is as tall as its content."""
         height = math.ceil(self.y + _PAD)
         figure = Figure(figsize=(_WIDTH / _DPI, height / _DPI), dpi=_DPI, facecolor=_PAPER)
         for draw in self._items:
@@ -193,7 +197,7 @@ class _Page:
 
 
 def _add_images(page: _Page, shown: Sequence[_Shown]) -> None:
-    """Draw the images side by side; small ones are enlarged by an integer factor."""
+    """Draw the images side by side. Small images are enlarged by an integer factor."""
     left, right, bottom, top = page.x, page.x + page.width, page.y, page.y
     x = left
     for item in shown:
@@ -238,7 +242,7 @@ def _draw_action(axes: Axes, content: _Content) -> None:
 
 
 def arrow_factor(start: np.ndarray, aim: np.ndarray) -> int:
-    """Return the factor by which the arrow between two pixels is enlarged, or 0 if there is nothing to draw."""
+    """Return the factor by which the arrow between two pixels is enlarged. Return 0 if there is nothing to draw."""
     length = float(np.hypot(*(aim - start)))
     if not math.isfinite(length) or length < 0.2:
         return 0
@@ -253,7 +257,7 @@ def _text(x: float, y: float, line: str, font: FontProperties, color: str) -> Ca
 
 
 def _box(x: float, y: float, width: float, height: float, page: float) -> tuple[float, float, float, float]:
-    """Return a rectangle, given in pixels from the upper left corner, as fractions of the figure."""
+    """Convert a rectangle in pixels from the upper left corner to fractions of the figure."""
     return x / _WIDTH, 1.0 - (y + height) / page, width / _WIDTH, height / page
 
 
@@ -262,7 +266,7 @@ def _points(pixels: float) -> float:
 
 
 def _broken(text: str, font: FontProperties, width: float) -> list[str]:
-    """Return text wrapped to a width [px]; a word that is longer than a line is cut."""
+    """Wrap a text to a width [px]. A word that is longer than a line is cut."""
 
     def length(line: str) -> float:
         return float(_LETTERS.get_text_width_height_descent(line, font, ismath=False)[0]) * _DPI / 72.0

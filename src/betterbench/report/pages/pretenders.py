@@ -1,4 +1,4 @@
-"""Report section that compares each policy with pretenders: policies that lack the tested abilities."""
+"""Report section that compares each policy with pretenders, i.e. reference policies that lack an ability on purpose."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from betterbench.report.pages.calibration_page import rate_text
 from betterbench.tasks import Axis
 
 SCOPES = ("overall", *(f"axis:{axis.value}" for axis in Axis))
-"""Columns in a table of reference lines: the scopes of the success rates."""
+"""Columns of the score table: success over all variations, and on each axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreRow:
-    """One row in a table of reference lines.
+    """Row of the score table.
 
     Attributes:
-        name: A policy or a pretender.
-        cells: Success rate per column [%], "–" if there is none.
-        likeness: Agreement of the outcomes with the policy's outcomes, as text; empty for the policy itself.
-        mine: Whether this row is the policy under test.
+        name: Name of a policy under test or a reference policy.
+        cells: Success rate in each column [%]; "–" if there is none.
+        likeness: How often the outcomes of the reference policy agree with those of the policy under test, as text; ""
+            for the policy under test itself.
+        mine: Whether this row is about the policy under test.
     """
 
     name: str
@@ -35,12 +36,12 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True)
 class ScoreTable:
-    """Table with the policies, followed by the pretenders, which are listed once.
+    """Table of success rates: the policies under test, followed by the reference policies.
 
     Attributes:
         columns: Headings of the success rates.
-        policies: The policies, each with a column of agreement.
-        rows: Policies and pretenders with their success rates, and the agreement of each pretender with each policy.
+        policies: Names of the policies under test. There is one column of agreement for each of them.
+        rows: Success rates of each policy, and how often its outcomes agree with those of each policy under test.
     """
 
     columns: tuple[str, ...]
@@ -50,7 +51,10 @@ class ScoreTable:
 
 @dataclass(frozen=True, slots=True)
 class MarginRow:
-    """Row in the margin table: success rate on one variation, shortcut ceiling and difference, in words."""
+    """Row of the margin table: success rate on a variation, shortcut ceiling and their difference, as texts.
+
+    The shortcut ceiling is the success rate that a policy can reach without the tested ability.
+    """
 
     variation: str
     rate: str
@@ -61,7 +65,7 @@ class MarginRow:
 
 @dataclass(frozen=True, slots=True)
 class PretenderView:
-    """The section for one policy."""
+    """Comparison of one policy with the reference policies that lack an ability."""
 
     policy: str
     sentences: tuple[str, ...]
@@ -72,12 +76,18 @@ class PretenderView:
 
 
 def pretender_views(diagnoses: Sequence[RunDiagnosis]) -> list[PretenderView]:
-    """Return the section of every policy; if there is no power matrix, it only contains the reason."""
+    """Return the comparison of every policy with the reference policies that lack an ability.
+
+    Without a power matrix, the comparison only contains the reason why it is missing.
+    """
     return [_view(d.policy, standing_of(d)) for d in diagnoses]
 
 
 def score_tables(views: Sequence[PretenderView]) -> list[ScoreTable]:
-    """Return one table for all policies on the same trials, because their pretenders have the same scores."""
+    """Return one score table for all policies that ran the same trials.
+
+    The reference policies have the same scores for all of them.
+    """
     tables: dict[tuple[object, ...], list[PretenderView]] = {}
     for view in views:
         lines = sorted((row.name, row.cells) for row in view.rows if not row.mine)
@@ -94,17 +104,17 @@ def _score_table(views: Sequence[PretenderView]) -> ScoreTable:
 
 
 def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:
-    """Return the scopes in which any policy has trials, in suite order."""
+    """Return the columns of the score table for which at least one policy has trials, in the order of the suite."""
     return tuple(scope for scope in SCOPES if any(scope in s.scores for s in standings))
 
 
 def scope_title(scope: str) -> str:
-    """Return a column's heading."""
+    """Return the heading of a column in the score table."""
     return "overall" if scope == "overall" else AXIS_NAMES.get(scope.removeprefix("axis:"), scope)
 
 
 def score_rows(policy: str, standing: Standing, columns: Sequence[str]) -> list[ScoreRow]:
-    """Return the policy's row and one row per reference line, the best overall first."""
+    """Return the row of the policy under test, followed by one row per reference policy, best first."""
     known = {x.pretender: x for x in standing.likenesses}
     if standing.expert is not None:
         known[EXPERT] = standing.expert

@@ -18,7 +18,10 @@ from betterbench.tasks.worlds.facts import facts_of_task
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
-    """Return statements about the benchmark itself for these runs, by name, each of one or two sentences."""
+    """Return statements about the reliability of the benchmark for the given runs, by name of the statement.
+
+    Each statement consists of one or two sentences.
+    """
     if all(map(is_abroad, diagnoses)):
         worlds = {name: facts_of_task(name) for d in diagnoses for name in dict.fromkeys(t.task for t in d.trials)}
         return {name: text for facts in worlds.values() for name, text in facts.statements.items()}
@@ -43,7 +46,7 @@ def _interval(held_out: Calibration) -> str:
 
 
 def _blind(ran: set[str]) -> dict[str, str]:
-    """Return a statement on the variations of the run that can be solved blind."""
+    """Return statements about the variations in the run that can be solved without observations, by name."""
     matrix = power_matrix_of(_tasks(ran))
     if matrix is None:
         return {"Blind probes": f"This build contains no power matrix; {power_cure(_tasks(ran))}."}
@@ -79,7 +82,7 @@ def _requires_action(name: str) -> bool:
 
 
 def _by_task(names: Sequence[str]) -> str:
-    """Return variations by task in words ("L1, L2 of fast_food and O1 of tidy_desk")."""
+    """List variations by task, e.g. "L1, L2 of fast_food and O1 of tidy_desk"."""
     groups: dict[str, list[str]] = {}
     for name in names:
         task, _, variation = name.partition("/")
@@ -88,7 +91,7 @@ def _by_task(names: Sequence[str]) -> str:
 
 
 def _tasks(names: Iterable[str]) -> set[str]:
-    """Return the tasks of conditions by their names ("fast_food/T1")."""
+    """Return the tasks of conditions that are given by name ("fast_food/T1")."""
     return {name.partition("/")[0] for name in names}
 
 

@@ -1,1 +1,1 @@
-"""Report tables as HTML, CSV and LaTeX, and the paper's tables in the same forms."""
+"""Tables of a report as HTML, CSV and LaTeX, and the paper's tables in the same formats."""

@@ -1,4 +1,4 @@
-"""Assignment of conditions to cells of the diagnostic matrices, by the initial states of the objects."""
+"""Assignment of conditions to the cells of the diagnostic matrices, by the initial states of the objects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_c
 
 @dataclass(frozen=True, slots=True)
 class CellPosition:
-    """Position of a cell: its matrix, and the states of first target and distractor (long horizon: second target)."""
+    """Position of a cell: the matrix, and the initial states that define row and column.
+
+    The row is the state of the first target. The column is the state of the distractor or, in the long-horizon matrix,
+    of the second target.
+    """
 
     horizon: Horizon
     row: State
@@ -21,7 +25,11 @@ class CellPosition:
 
 
 def cell_of(setting: ResolvedCondition) -> CellPosition | None:
-    """Return the cell of a condition, from its task's own matrices or else by the initial states, or None."""
+    """Return the matrix cell of a condition. Return None if the condition is in no matrix.
+
+    If the task defines its own matrices, they list the conditions of each cell. Otherwise, the cell follows from the
+    initial states of the objects.
+    """
     for matrix in setting.task.matrices:
         cell = matrix.cell_of(setting.condition.name)
         if cell is not None:
@@ -32,9 +40,10 @@ def cell_of(setting: ResolvedCondition) -> CellPosition | None:
 
 
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
-    """Return the cell of a condition, or None if the condition belongs to neither matrix.
+    """Return the matrix cell of a condition, by the initial states of its objects.
 
-    Conditions with one object to pick belong to the short horizon, conditions with two to the long horizon.
+    Conditions with one object to pick are in the short-horizon matrix, and conditions with two are in the long-horizon
+    matrix. All others are in no matrix (None).
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:
@@ -49,7 +58,7 @@ def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
 
 @cache
 def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
-    """Return the conditions of all registered tasks by cell."""
+    """Return the conditions of all registered tasks, by cell."""
     found: dict[CellPosition, list[str]] = {}
     for task in all_tasks():
         for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
@@ -61,12 +70,15 @@ def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
 
 
 def _is_pick(condition: Condition, goal: Subgoal) -> bool:
-    """Return whether a subgoal requires moving an object to a target, unlike closing a drawer."""
+    """Return whether a subgoal requires moving an object to a target. Closing a drawer, for example, does not."""
     return all(condition.object(name).role != "drawer" for name in condition.resolve(goal.reference))
 
 
 def _target_state(condition: Condition, goal: Subgoal) -> State:
-    """Return the initial state of a subgoal's object; the second of two equal subgoals has the second object."""
+    """Return the initial state of the object that a subgoal is about.
+
+    If two subgoals are equal, the second of them is about the second object.
+    """
     names = condition.resolve(goal.reference)
     if len(names) < goal.count:
         return State.ABSENT
@@ -74,7 +86,10 @@ def _target_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _distractor_state(condition: Condition, goal: Subgoal) -> State:
-    """Return the initial state of the other objects. If at least one of them is on the table, it is "on the table"."""
+    """Return the initial state of the pickable objects that are not targets.
+
+    It is "on the table" if at least one of them is on the table.
+    """
     supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
     targets = condition.resolve(goal.reference)
     others = [
@@ -88,6 +103,6 @@ def _distractor_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _is_at(condition: Condition, name: str, target: str) -> bool:
-    """Return whether an object rests at a target in the initial state."""
+    """Return whether an object is at a target in the initial state."""
     placed = condition.preplaced.get(name)
     return placed is not None and placed.target == target

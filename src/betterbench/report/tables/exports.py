@@ -1,4 +1,4 @@
-"""Tables of a report as CSV for programs and LaTeX for papers."""
+"""Tables of a report as CSV for programs, and as LaTeX for papers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.report.task_views import task_views
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """Table in its file formats, with its number of rows; ``name`` is the file name without its extension."""
+    """Table as CSV and as LaTeX, with its number of rows. ``name`` is the file name without extension."""
 
     name: str
     title: str
@@ -26,7 +26,7 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return every table of a report in its file formats."""
+    """Return all tables of a report as CSV and LaTeX."""
     exports = []
     for table in paper_tables:
         plain = plain_paper_table(table)
@@ -46,10 +46,11 @@ def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTa
 
 
 def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per task and policy: success of twins and variations, the gap and the leading failure.
+    """Return one row per task and policy: success of training twins and variations, illusion gap, and main failure.
 
-    The columns ``training_`` count the training twins, one per pair, or all training trials if there are no pairs. The
-    gap is ``training_success_rate`` minus ``paired_success_rate``.
+    The columns whose names begin with ``training_`` count the training twins (the training trials with the same seeds),
+    or all training trials if there are no pairs of trials. The gap is ``training_success_rate`` minus
+    ``paired_success_rate``.
     """
     rows = []
     for view in task_views(diagnoses):
@@ -80,7 +81,10 @@ def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per policy and variation: success rates of trials and twins, and outcomes."""
+    """Return one row per policy and variation: outcomes, and success rates of the trials and their training twins.
+
+    A training twin is the training trial with the same seed.
+    """
     rows = []
     for diagnosis in diagnoses:
         for row in variation_rows(diagnosis):
@@ -113,7 +117,7 @@ def metric_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per policy and planned trial with all results of the diagnosis."""
+    """Return one row per policy and planned trial, with all results of the diagnosis."""
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
         "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
@@ -139,7 +143,7 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def short_trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return the columns of the trial table that fit on a printed page."""
+    """Return the table of trials with only the columns that fit on a printed page."""
     columns = ("policy", "trial", "label", "intended", "first_attempt", "progress")
     rows = tuple(
         (d.policy, t.key, t.label.value, t.intended, t.first_attempt, t.progress) for d in diagnoses for t in d.trials

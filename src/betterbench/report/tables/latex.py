@@ -1,4 +1,4 @@
-"""LaTeX forms: booktabs tables without vertical lines, with all texts escaped."""
+"""Tables as LaTeX: booktabs without vertical lines. All texts are escaped."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 
 _LONG_TABLE = 40
-"""Number of rows from which a table is a longtable, so that it can break across pages."""
+"""From this number of rows, a table is written as a longtable, so that it can continue on the next page."""
 
 
 def table_to_latex(table: Table) -> str:
-    """Return a plain table as a booktabs tabular, or as a longtable if it is long."""
+    """Return a plain table as a booktabs tabular, or as a longtable if it has many rows."""
     columns = "".join("r" if _numeric(table, i) else "l" for i in range(len(table.columns)))
     header = _row([latex_text(column.replace("_", " ")) for column in table.columns])
     rows = [_row([_cell(value) for value in row]) for row in table.rows]
@@ -72,17 +72,17 @@ def paper_table_to_latex(table: PaperTable) -> str:
 
 
 def _row(cells: Sequence[str]) -> str:
-    """Return a line of a tabular from its LaTeX cells.
+    """Return one line of a tabular from its LaTeX cells.
 
-    LaTeX reads a bracket or an asterisk after the end of a row or a rule as an argument, even on a new line. An empty
-    group before it prevents this.
+    LaTeX treats a bracket or an asterisk that follows the end of a row or a rule as an argument, even on a new line. An
+    empty group in front of the row's text prevents this.
     """
     line = " & ".join(cells) + r" \\"
     return f"{{}}{line}" if line.lstrip(" ~").startswith(("[", "*")) else line
 
 
 def _floated(lines: Sequence[str], caption: str, label: str) -> str:
-    """Return a tabular inside a table float with caption and label."""
+    """Return a tabular inside a table float, with caption and label."""
     head = [
         "% needs the package booktabs",
         r"\begin{table}[t]",
@@ -94,7 +94,7 @@ def _floated(lines: Sequence[str], caption: str, label: str) -> str:
 
 
 def _figure(figure: Figure) -> str:
-    """Return a number with its count and interval in small print."""
+    """Return a number as LaTeX, with its count and interval in small print."""
     if figure.missing:
         return "--"
     number = latex_text(figure.number(1)) + ("" if figure.difference else r"\,\%")
@@ -110,7 +110,7 @@ def _numeric(table: Table, column: int) -> bool:
 
 
 def _cell(value: Scalar) -> str:
-    """Return a cell's text; fractions are rounded to four decimals."""
+    """Return the text of a table cell. Fractions are rounded to four decimals."""
     if value is None:
         return "--"
     if isinstance(value, bool):

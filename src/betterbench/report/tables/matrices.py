@@ -1,4 +1,7 @@
-"""The paper's two diagnostic matrices: outcomes by initial states (present, done or absent) of two objects."""
+"""The paper's two diagnostic matrices: outcomes by the initial states of two objects.
+
+An object is on the table, already at its target, or absent.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,14 @@ PAPER: Mapping[Horizon, tuple[tuple[str, ...], ...]] = {
     matrix.horizon: tuple(tuple(cell.paper for cell in matrix.cells if cell.row is row) for row in State)
     for matrix in (SHORT_MATRIX, LONG_MATRIX)
 }
-"""Outcomes in the paper on the real robot, by row and column in the order of :class:`State`. The paper does not give
-counts."""
+"""Outcomes on the real robot as reported in the paper, by row and column in the order of :class:`State`. The paper does
+not give counts.
+"""
 
 NO_TRIALS = Rate(0, 0)
 
 SHOWN = 4
-"""Maximum number of conditions listed in the note of an empty cell."""
+"""Maximum number of conditions that the note of an empty cell lists."""
 
 _HEADINGS = {
     Horizon.SHORT: (
@@ -51,12 +55,12 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """One condition behind a cell ("fruit_lunch/T1").
+    """Condition whose trials are in a cell ("fruit_lunch/T1").
 
     Attributes:
-        labels: Labels of its trials with their counts, the most frequent first.
-        needless: Number of its successes with an unnecessary step.
-        twins: Success rate of the training twins of its trials that are in the run.
+        labels: Labels of its trials with their counts, most frequent first.
+        needless: Number of successful trials with an unnecessary step.
+        twins: Success rate of the training twins (the training trials with the same seeds) that are in the run.
     """
 
     id: str
@@ -69,17 +73,17 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One matrix cell: the state of the first target, and of the distractor or second target.
+    """Cell of a matrix: the state of the first target, and the state of the distractor or of the second target.
 
     Attributes:
-        sources: The conditions of the cell in the run.
-        success: Success rate over all their trials.
-        labels: Labels of the trials with their counts, the most frequent first.
-        needless: Number of successes with an unnecessary step, such as an air grasp at an emptied slot.
-        note: Reason for an empty cell; otherwise an empty text.
-        paper: Outcome in the paper, for reference.
+        sources: Conditions of the run that belong to the cell.
+        success: Success rate over all trials of these conditions.
+        labels: Labels of the trials with their counts, most frequent first.
+        needless: Number of successful trials with an unnecessary step, such as an air grasp at an empty slot.
+        note: Reason why the cell is empty; "" if it is not empty.
+        paper: Outcome that the paper reports, for reference.
         twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. In the cell of the training conditions, it has no trials.
+            scene. In the cell of the training conditions, this rate is based on no trials.
     """
 
     row: State
@@ -99,13 +103,13 @@ class Cell:
 
     @property
     def empty(self) -> bool:
-        """Whether the run has no trial for the cell."""
+        """Whether the run has no trial in the cell."""
         return self.success.n == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """One of the paper's diagnostic matrices, filled with a run's results.
+    """One of the paper's diagnostic matrices, filled with the results of a run.
 
     Attributes:
         caption: Meaning of rows and columns.
@@ -122,11 +126,11 @@ class Matrix:
 
     @property
     def measured(self) -> bool:
-        """Whether the run fills at least one cell."""
+        """Whether the run has results for at least one cell."""
         return any(not cell.empty for row in self.cells for cell in row)
 
     def cell(self, row: State, column: State) -> Cell:
-        """Return a cell."""
+        """Return the cell with the given states of the two objects."""
         states = list(State)
         return self.cells[states.index(row)][states.index(column)]
 
@@ -134,13 +138,13 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    A task's own matrices list the conditions of each cell. Conditions of other tasks are assigned by the initial states
-    of their objects, not by their names. The cell with all objects on the
-    table contains only training conditions; every other cell contains all conditions with these initial states. Trials
-    in other worlds are left out.
+    If a task defines its own matrices, these list the conditions of each cell. Conditions of other tasks are assigned
+    by the initial states of their objects, not by their names. The cell in which all objects are on the table contains
+    only training conditions. Every other cell contains all conditions with these initial states. Trials in other
+    simulated worlds are left out.
 
     Raises:
-        UnknownNameError: If a trial's task, variation or training condition is unknown.
+        UnknownNameError: If the task, the variation or the training condition of a trial is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
     ended = {t.key: t for t in diagnosis.shown_trials if t.variation is None and t.kind is not Kind.UNFINISHED}
@@ -159,7 +163,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 def plain_matrix(matrices: Sequence[Matrix]) -> Table:
     """Return the same matrix of several policies as a plain table.
 
-    It has a row per policy and cell, and rates as fractions.
+    There is one row per policy and cell. Rates are fractions.
     """
     rows: list[tuple[Scalar, ...]] = []
     for matrix in matrices:
@@ -194,14 +198,14 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
 
 
 def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
-    """Return outcomes with their counts ("success 12, early_halt 8")."""
+    """Format outcomes with their counts, e.g. "success 12, early_halt 8"."""
     return ", ".join(f"{label.value} {count}" for label, count in labels)
 
 
 def _source(
     name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
 ) -> MatrixSource:
-    """Return one condition's trial outcomes, and those of its twins among the trials of training conditions."""
+    """Collect the outcomes of a condition's trials, and the success rate of the training trials with the same seeds."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]
@@ -210,13 +214,12 @@ def _source(
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
-    """Return labels by frequency, ties in label order."""
+    """Sort labels by frequency. Labels that are equally frequent keep their usual order."""
     order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 
 
 def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequence[MatrixSource]]) -> Matrix:
-    """Return one matrix."""
     title, caption, axes = _HEADINGS[horizon]
     positions = [[CellPosition(horizon, row, column) for column in State] for row in State]
     cells = tuple(
@@ -227,7 +230,7 @@ def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequenc
 
 
 def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -> Cell:
-    """Return one cell."""
+    """Collect the trials of all conditions that belong to a cell."""
     success = Rate(sum(s.success.k for s in sources), sum(s.success.n for s in sources))
     labels: Counter[Label] = Counter()
     for source in sources:
@@ -239,7 +242,7 @@ def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -
 
 
 def _why_empty(position: CellPosition) -> str:
-    """Return the reason for an empty cell."""
+    """Return the reason why a cell is empty."""
     known = known_conditions().get(position, ())
     if not known:
         return "No condition of the registered tasks has these initial states."

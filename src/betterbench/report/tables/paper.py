@@ -1,4 +1,4 @@
-"""The paper's two tables in its layout, with one row per run and the paper's rows for reference."""
+"""The paper's two tables in the same layout, with one row per run and the rows of the paper for reference."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import Rate, delta_success_rate
 
 GUESS = 0.5
-"""Chance level of the first grasp with two mugs on the table (paper, table on the coffee task)."""
+"""Chance level of the first grasp if two mugs are on the table (stated in the paper's table on the coffee task)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperGroup:
-    """A heading over several columns, with its title and the number of columns."""
+    """Heading over several columns: its title, and the number of columns."""
 
     title: str
     span: int
@@ -28,7 +28,7 @@ class PaperGroup:
 
 @dataclass(frozen=True, slots=True)
 class PaperColumn:
-    """A column: its condition's name in CSV files ("L1"), and its title."""
+    """Column: the name of its condition in CSV files ("L1"), and its title."""
 
     name: str
     title: str
@@ -36,7 +36,7 @@ class PaperColumn:
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """A row with its policy's name, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
+    """Row: the name of the policy, the source of the numbers ("chance", "run" or "paper"), and the numbers."""
 
     name: str
     source: str
@@ -45,7 +45,10 @@ class PaperRow:
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """One of the paper's tables. ``groups`` are headings over columns, ``name`` is a file name without extension."""
+    """One of the paper's tables.
+
+    ``groups`` contains the headings over several columns, and ``name`` is the file name without extension.
+    """
 
     name: str
     title: str
@@ -56,20 +59,20 @@ class PaperTable:
 
     @property
     def measured(self) -> bool:
-        """Whether the run fills at least one cell."""
+        """Whether the runs have results for at least one cell."""
         return any(not figure.missing for row in self.rows if row.source == "run" for figure in row.figures)
 
 
 @cache
 def paper_facts() -> dict[str, Any]:
-    """Return the numbers printed in the paper, with their source."""
+    """Return the numbers that are printed in the paper, with their source."""
     text = resources.files("betterbench.report").joinpath("paper.json").read_text(encoding="utf-8")
     facts: dict[str, Any] = json.loads(text)
     return facts
 
 
 def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the intention accuracy per instruction on the coffee task, one row per run."""
+    """Return the table of intention accuracy by instruction on the coffee task, with one row per run."""
     names = ("L1", "L2", "L3", "L4")
     rows = [PaperRow("Random guess", "chance", tuple(Figure(GUESS) for _ in names))]
     rows += [
@@ -93,7 +96,10 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the success rates for seen and novel compositions in the fast-food task and their difference ΔSR."""
+    """Return the table of success rates for seen and novel compositions of the fast-food task.
+
+    The last column is the difference ΔSR.
+    """
     names = ("train1", "train2", "R1")
     rows = []
     for diagnosis in diagnoses:
@@ -125,7 +131,10 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def plain_paper_table(table: PaperTable) -> Table:
-    """Return a paper table as a plain table: value, ends of the interval and counts in separate columns."""
+    """Return one of the paper's tables as a plain table.
+
+    Value, ends of the interval, and counts are in separate columns.
+    """
     columns = ["model", "source"]
     for column in table.columns:
         columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]

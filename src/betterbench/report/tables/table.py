@@ -1,4 +1,4 @@
-"""Tables as values, and their CSV form."""
+"""Plain tables, and their CSV form."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from betterbench.quoting import csv_text
 
 Scalar = str | int | float | bool | None
-"""Cell value of a plain table; None for an empty cell."""
+"""Value of a cell in a plain table; None for an empty cell."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A plain table with rows as long as its columns; ``name`` is a file name without extension."""
+    """Plain table, in which each row has one value per column. ``name`` is the file name without extension."""
 
     name: str
     caption: str
@@ -23,9 +23,9 @@ class Table:
 
 
 def to_csv(table: Table) -> str:
-    """Return a table as CSV (RFC 4180): one header line, CRLF line ends, UTF-8.
+    """Return a table as CSV (RFC 4180) with one header line, CRLF line ends and UTF-8.
 
-    Texts that a spreadsheet would evaluate as a formula get a leading apostrophe. Numbers keep their full precision.
+    A text that a spreadsheet would evaluate as a formula gets a leading apostrophe. Numbers keep their full precision.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")
@@ -35,7 +35,6 @@ def to_csv(table: Table) -> str:
 
 
 def _cell(value: Scalar) -> str:
-    """Return a cell's text."""
     if value is None:
         return ""
     if isinstance(value, bool):
