@@ -1,7 +1,9 @@
-"""Browser pages served on this machine, protected by a token in their address.
+"""Pages that betterbench shows in a web browser.
 
-- ``server``: the viser server; ``plain``: a server for files and JSON, without viser.
-- ``address``: the address at which a page is opened.
-- ``gate``: access control; ``incoming``: a filter for the messages from the page.
-- ``keys``: pressed keys and gamepad states, sent by the page's script (``page.js``).
+They are served on this machine and protected by a token in the address.
+
+- ``server``: server that uses viser. ``plain``: server for files and JSON, without viser.
+- ``address``: address under which a page is opened.
+- ``gate``: access control. ``incoming``: filter for messages from the page.
+- ``keys``: pressed keys and gamepad states, which the script of the page (``page.js``) sends.
 """

@@ -1,4 +1,4 @@
-"""Calibration: measured accuracy of the diagnosis on policies with known faults, analogous to mutation testing."""
+"""Calibration: accuracy of the diagnosis, measured on policies with known faults, similar to mutation testing."""
 
 from betterbench.calibration.policies import CalibrationPolicy, calibration_policies
 from betterbench.calibration.power import PowerTrials, measure_power, power_trials

@@ -1,4 +1,4 @@
-"""Policies used in a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
+"""Policies of a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from betterbench.policies.experts import Address, expert_names
 from betterbench.policies.experts.address import EXPERT_FORM, ZOO_FORM
 
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Shares of the trials in which a rule applies, because policies do not always follow a habit."""
+"""Fractions of trials in which a faulty rule applies, since real policies do not always follow a habit."""
 
 ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
-"""Translation noise per control step for each strength [m]: none, 2 cm/s and 4 cm/s."""
+"""Standard deviation of the noise added to the translation of each control step, for each strength [m].
+
+The values correspond to none, 2 cm/s and 4 cm/s.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """Policy in a calibration, with its number of trials and its seed."""
+    """Policy of a calibration, with the number of its trials and its first seed."""
 
     address: Address
     trials: int
@@ -26,7 +29,7 @@ class CalibrationPolicy:
 
     @property
     def folder(self) -> str:
-        """Folder name of the policy's run within the calibration."""
+        """Name of the folder for the policy's run, inside the folder of the calibration."""
         name = self.address.name.replace(":", "-")
         return f"{name}-{round(100 * self.address.strength)}"
 
@@ -38,7 +41,7 @@ def calibration_policies(
     trials: int = 1,
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
-    """Return the expert, and every faulty policy at every strength.
+    """Return the policies of a calibration: the expert, and every faulty policy at every strength.
 
     Raises:
         InvalidInputError: If a policy is unknown, or a number is out of range.
@@ -48,7 +51,9 @@ def calibration_policies(
     for name in policies:
         if name not in names:
             raise InvalidInputError(
-                "--policies", f"{name!r} is not a policy that can be calibrated", f"Give some of {', '.join(names)}"
+                "--policies",
+                f"{name!r} is not a policy that can be calibrated",
+                f"Give one or more of {', '.join(names)}",
             )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
         given = ", ".join(f"{s:g}" for s in strengths) or "nothing"

@@ -1,4 +1,7 @@
-"""Support of a training distribution: its picks, placements and drawer moves, compared with those of an episode."""
+"""Support of a training distribution: which picks, placements and drawer movements occur in training.
+
+The motion primitives of an episode are compared with it.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +17,27 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, Fl
 from betterbench.tasks.relations import RELATIONS
 
 POSITION_TOLERANCE_M = 0.001
-"""Tolerance around a slot's jitter region [m], equal to the drift that clause (c) allows."""
+"""Tolerance around the region in which objects are placed randomly in a slot [m].
+
+It is the motion that clause (c) allows.
+"""
 YAW_TOLERANCE_RAD = 0.02
-"""Tolerance beyond a slot's yaw jitter [rad], larger than any rotation of assets at rest."""
+"""Tolerance beyond the random rotation of an object in a slot [rad]. Assets at rest never turn by that much."""
 PUSHED_TOLERANCE_M = 0.005
-"""Position tolerance of a movable target [m]. Placing an object on it may push it by this distance."""
+"""Position tolerance for a movable target [m], which may be pushed by this distance when an object is placed on it."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
-"""Maximum distance [m] and rotation [rad] between a pre-placed object and the nearest final pose in demonstrations."""
+"""Largest distance [m] and rotation [rad] between a pre-placed object and the nearest final pose in demonstrations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Result for one primitive, with the reason why it is outside the training distribution (or None), and its slack.
+    """Result for one motion primitive.
 
-    The slack is the distance to the border of the jitter region [m], negative outside, or None without a jitter region.
+    Attributes:
+        text: Description of the primitive.
+        problem: Reason why the primitive is outside the training distribution, or None if it is inside.
+        slack_m: Distance to the border of the region in which training varies the position [m]. Negative outside the
+            region. None if there is no such region.
     """
 
     text: str
@@ -44,13 +54,17 @@ class Apart(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainedSupport:
-    """Support of a task's training distribution.
+    """Support of the training distribution of a task.
 
     Attributes:
-        demonstrated: Release points and final poses of the training demonstrations.
-        relation: Relation for pre-placed objects.
-        targets: Relation, target kind and region of every placement.
+        demonstrated: Release points and final poses in training demonstrations.
+        relation: Relation between pre-placed objects and their target.
+        pick_slots: Slots from which training picks.
+        grasped: Kinds of objects that training picks.
+        targets: Relation, kind of target and region of every placement.
         spots: Slot, relation, region and level of every placement.
+        slides: Kind and slot of every drawer that is closed.
+        slots: All slots of the task by name.
     """
 
     demonstrated: Demonstrated
@@ -64,9 +78,9 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives of the training conditions and of the demonstrations.
+        """Collect the motion primitives of the training conditions and of the demonstrations.
 
-        Closing a drawer is a slide. Every other subgoal is a pick of its object and a put at its target.
+        Closing a drawer is a slide. Every other subgoal consists of a pick of its object and a put at its target.
         """
         picks: dict[str, Slot] = {}
         grasped: set[str] = set()
@@ -101,7 +115,10 @@ class TrainedSupport:
         )
 
     def judge_all(self, primitives: Sequence[Primitive]) -> tuple[Found, ...]:
-        """Return the result for each primitive of an episode. Pre-placed objects at one target are judged together."""
+        """Return the result for each primitive of an episode.
+
+        Pre-placed objects at the same target are judged together.
+        """
         places: dict[tuple[str, str, str], list[Preplaced]] = {}
         for p in primitives:
             if isinstance(p, Preplaced):
@@ -115,7 +132,7 @@ class TrainedSupport:
         )
 
     def judge(self, primitive: Primitive) -> Found:
-        """Judge whether a primitive is inside the support."""
+        """Return whether a motion primitive is inside the training distribution, with the reason if it is not."""
         if isinstance(primitive, Pick):
             return self._judge_pick(primitive)
         if isinstance(primitive, DrawerMove):
@@ -166,7 +183,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Describe the deviation of a release from the demonstrated releases at its target, or return None."""
+        """Describe how a release deviates from the releases in demonstrations at the same target, or return None."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -194,9 +211,9 @@ class TrainedSupport:
         return Found(text, f"{text}, {far} from the nearest pose in which demonstrations leave such an object", None)
 
     def _apart(self, there: Sequence[Preplaced]) -> Apart | None:
-        """Return the smallest deviation of several objects at one target from their final poses in a demonstration.
+        """Return how much several objects at one target deviate from the most similar demonstration.
 
-        None if no measured demonstration has the same assets there.
+        None if no demonstration that was measured has the same assets there.
         """
         known = self.demonstrated.joint_poses_at(there[0].target_asset, self.relation, there[0].region)
         deviations = []
@@ -225,16 +242,19 @@ def _is_near(pose: Pose, trained: FlatPose) -> bool:
 
 
 def _offset_m(pose: Pose, trained: FlatPose) -> float:
-    """Return the horizontal distance of two poses at a target [m]."""
+    """Return the horizontal distance between two poses at a target [m]."""
     return math.dist(pose.position[:2], (0.001 * trained.x_mm, 0.001 * trained.y_mm))
 
 
 def _turn(pose: Pose, trained: FlatPose) -> float:
-    """Return the yaw of a pose relative to a training pose, in [-pi, pi] [rad]."""
+    """Return the yaw of a pose relative to a pose in training, in [-pi, pi] [rad]."""
     return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance from a pose to the border of a slot's jitter region [m], negative outside."""
+    """Return the distance from a pose to the border of the region in which objects vary in a slot [m].
+
+    Negative outside.
+    """
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

@@ -1,4 +1,4 @@
-"""Episodes: rollouts of a policy in a scene, with records.
+"""Episodes: execution of a policy in a scene, and recording.
 
 Each public name is imported from its module at first use, so that the process of a policy imports no simulator.
 """

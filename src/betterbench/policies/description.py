@@ -1,4 +1,4 @@
-"""Declarations of a policy as JSON of limited size. They are compared when a run resumes."""
+"""Descriptions of a policy as JSON of limited size. When a run is resumed, they are compared with the stored ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ _MAX_LISTED = 1000
 
 
 def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
-    """Return a policy's declarations as JSON. JSON documents in the metadata (adapter, handshake) are kept."""
+    """Return the description of a policy as JSON.
+
+    Metadata that contains JSON text, such as an adapter or a handshake, is included as JSON rather than as text.
+    """
     return {
         "address": address,
         "name": encodable(info.name),
@@ -38,7 +41,10 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Return a server's declarations as JSON of bounded size. Short arrays become lists, long arrays become hashes."""
+    """Convert declarations of a server to JSON of limited size.
+
+    Short arrays become lists, long arrays become hashes.
+    """
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
         return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}
@@ -63,13 +69,13 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
         return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # other integers cannot be stored in a run
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # larger integers cannot be stored in a run
         return f"{value:#x}"
     return value if value is None or isinstance(value, bool | int) else encodable(str(value))
 
 
 def _document(text: str) -> object:
-    """Return the JSON object or list in a text, or the text itself."""
+    """Return the JSON object or list that a text contains. Return the text itself if it contains neither."""
     if text[:1] in ("{", "["):
         try:
             return parse_json(text)

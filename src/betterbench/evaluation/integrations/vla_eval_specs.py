@@ -1,4 +1,4 @@
-"""Formats of actions and observations for vla-evaluation-harness."""
+"""Formats of actions and observations in the terms of vla-evaluation-harness."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the action format by component. Formats that the harness does not know keep their betterbench name."""
+    """Return the format of actions, by component.
+
+    A format that the harness does not know keeps its name in betterbench.
+    """
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):
@@ -44,7 +47,7 @@ def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
 
 
 def observation_specs(adapter: Adapter) -> dict[str, DimSpec]:
-    """Return the format of observations by component: images by camera, instruction, and state if sent."""
+    """Return the format of observations by component: images by camera, the instruction, and the state if sent."""
     found = {view.key[-1]: specs.IMAGE_RGB for view in adapter.views}
     found["language"] = specs.LANGUAGE
     for i, rule in enumerate(adapter.states):

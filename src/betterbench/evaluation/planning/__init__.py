@@ -1,1 +1,1 @@
-"""Plans of runs, manifests, and repetition of other runs."""
+"""Planning of runs: plan, manifest, and repetition of an earlier run."""

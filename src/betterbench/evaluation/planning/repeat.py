@@ -1,4 +1,4 @@
-"""Repetition of a run from its ``run.json``, after a check for differences that would change results."""
+"""Repetition of a run from its ``run.json``, after a check for differences that would change the results."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Fields of a plan that are not compared. The first two are copied to the new plan, and the last does not affect
-results.
+"""Fields of a plan that are not compared.
+
+The first two are copied to the new plan, and the last does not affect results.
 """
 
 
@@ -37,7 +38,7 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Fields read from the plan in ``run.json``. All other fields are compared with the new plan."""
+    """Fields that are read from the plan in ``run.json``. All other fields are compared with those of the new plan."""
 
     policy: str
     trials: tuple[Trial, ...]
@@ -64,20 +65,21 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat it with the same or another policy.
+    """Return the plan of an earlier run, to repeat the run with the same policy or with a different one.
 
-    ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
+    ``path`` is the folder or the ``run.json`` of the run. If ``trust`` is True, the policy named in the run may run
+    code or send a key.
 
     Raises:
-        InvalidInputError: If the run's own policy would run code or send a key, unless ``trust`` is True.
-        RecordError: If the file is not the ``run.json`` of a run, or its plan is malformed.
-        RunConflictError: If versions or conventions that affect results differ, unless this is allowed.
-        UnknownNameError: If a task, condition, preset or action space is unknown here.
+        InvalidInputError: If the policy named in the run would run code or send a key, and ``trust`` is False.
+        RecordError: If the file is not the ``run.json`` of a run, or the plan in it is malformed.
+        RunConflictError: If versions or conventions that affect results differ, unless other versions are allowed.
+        UnknownNameError: If a task, condition, preset or action space does not exist here.
     """
     run = _open(path)
     where = run.path / "run.json"
     if not run.world.measured:
-        problem = f"{where} is a run in {run.world.title}, and only runs in betterbench's own world can be repeated"
+        problem = f"{where} is a run in {run.world.title}, but only runs in betterbench's own world can be repeated"
         raise InvalidInputError("--from", problem, "Give --suite and the other options of that run instead")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
@@ -105,7 +107,7 @@ def repeated_plan(
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Raise RunConflictError, with both values, if a policy's declaration differs from the run at a path."""
+    """Raise RunConflictError, which quotes both values, if a policy is described differently in the run at a path."""
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(
@@ -119,9 +121,9 @@ def _open(path: Path) -> RunFolder:
 
 
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
-    """Yield the differences between a stored and a new plan that affect results, with both values.
+    """Yield the differences between a stored plan and a new plan that affect results, each with both values.
 
-    A stored plan without a robot used the Panda.
+    A stored plan that does not name a robot used the Panda.
     """
     there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))

@@ -1,4 +1,4 @@
-"""Plan for a suite of any world, from the task descriptions of the world."""
+"""Plan for a suite of any simulated world, made from that world's description of its tasks."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ def make_world_plan(
     observation: str = "default",
     **options: Any,  # noqa: ANN401 - those of the world
 ) -> Plan:
-    """Return a suite's plan, with the tasks listed by its world.
+    """Return the plan for a suite, whose tasks are listed by the simulated world of the suite.
 
     Args:
-        policy: Policy address.
-        suite: Suite name.
-        tasks: Tasks to run, by default all.
-        trials: Number of trials in the unit of the world (trials per variation, initial states, chains). If None, the
-            world's usual number is used.
-        seed: The first seed, initial state or chain.
-        action_space: Action space of the policy. If None, it is taken from the policy's address, or else it is the
-            usual one of the world.
-        observation: Observation preset; "default" is the world's usual preset.
-        options: World options (``World.options``).
+        policy: Address of the policy.
+        suite: Name of the suite.
+        tasks: Tasks to run. By default, all.
+        trials: Number of trials, in the unit of the world (trials per variation, initial states, or chains). None
+            selects the usual number.
+        seed: First seed, initial state or chain.
+        action_space: Action space of the policy. None selects the action space given by the policy's address or else
+            the usual one of the world.
+        observation: Observation preset. "default" selects the usual preset of the world.
+        options: Options of the world (``World.options``).
 
     Raises:
-        InvalidInputError: If a number is out of range, or the policy cannot be run in this world.
+        InvalidInputError: If a number is out of range, or the policy cannot act in this world.
         UnknownNameError: If a name is unknown.
         MissingDependencyError: If the world is not installed.
-        WorldError: If the world does not answer.
+        WorldError: If the simulator of the world does not answer.
     """
     world = world_of_suite(suite)
     title = world.facts.title
@@ -55,7 +55,10 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space of a run in a world, which is the requested one, or that of the policy."""
+    """Return the action space of a run in a simulated world.
+
+    It is the requested one or, without a request, the policy's.
+    """
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)

@@ -1,4 +1,4 @@
-"""Worker on a Ray cluster, run by an actor. Importing this module does not import Ray."""
+"""Worker on a Ray cluster, which runs as an actor. Importing this module does not import Ray."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
 TURN_S = 2.0
-"""Maximum time between two reports of a worker, even if no trial has ended [s]."""
+"""Longest time between two reports of a worker, even if no trial has ended [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """Journal entry and record of a finished trial; the record is None for a broken trial."""
+    """Journal entry and record of a trial that has ended. The record is None if the trial ended with an error."""
 
     entry: JournalEntry
     record: bytes | None
@@ -35,14 +35,14 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Progress report of a worker since its last report.
+    """Report of a worker about the time since its last report.
 
     Attributes:
-        deliveries: Trials that have ended since the last report.
-        scenes: Files of scenes that have not been delivered yet, by hash.
-        problem: Error that stops the run, or None.
-        envs: Maximum number of simultaneous trials from now on; 0 if unknown.
-        steps: Control steps since the last report.
+        deliveries: Trials that have ended.
+        scenes: Scene files that have not been delivered yet, by hash.
+        problem: Error that must stop the run, or None.
+        envs: Number of trials that the worker can run at the same time from now on. 0 if it is not known.
+        steps: Number of control steps.
     """
 
     deliveries: tuple[Delivery, ...] = ()
@@ -53,7 +53,7 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return versions and architecture, which must be the same on all machines for bit-identical results."""
+    """Return the versions and the architecture, which must be the same on all machines for bit-identical results."""
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,
@@ -63,13 +63,13 @@ def versions_here() -> dict[str, str]:
 
 
 class RemoteWorker:
-    """Worker on another machine. It has no access to the run folder, and delivers records as bytes.
+    """Worker on another machine. It cannot access the run folder, and sends records as bytes instead.
 
-    The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes delivered files.
+    The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes files after sending them.
     """
 
     def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
-        """Store the settings, the content of ``run.json`` and the hashes of the scenes already in the run."""
+        """Store the settings, the content of ``run.json``, and the hashes of scenes that the run folder already has."""
         self._settings, self._description, self._known = settings, description, tuple(known)
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
@@ -77,9 +77,10 @@ class RemoteWorker:
         self._steps = 0  # since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
-        """Open the worker with additional environment variables.
+        """Prepare the worker. ``secrets`` contains additional environment variables.
 
-        Returns the versions of this machine for comparison, and "problem" if the worker cannot be opened.
+        Return the versions on this machine, to be compared with those of the driver. If the worker cannot be prepared,
+        the entry "problem" says why.
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
@@ -100,7 +101,7 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Accept trials, run for a while, and report. Trials wait until an environment is free."""
+        """Accept trials, run for a while, and return a report. A trial waits until an environment is free."""
         if self._worker is None:
             raise InvalidInputError("worker", "it is not prepared", "Call prepare first")
         self._waiting.extend(trials)
@@ -118,7 +119,7 @@ class RemoteWorker:
         self._steps += 1
 
     def close(self) -> None:
-        """Close the worker and delete its folder. Closing it again is harmless."""
+        """Close the worker and delete its folder. The method may be called more than once."""
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close()
@@ -140,9 +141,9 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call, and truncate their files.
+        """Return the scene files that have been written since the last call, and make these files empty.
 
-        The names show which scenes are known.
+        The names of the files still show which scenes have been sent.
         """
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):

@@ -1,1 +1,1 @@
-"""Complete runs: execution of a plan, external loops, and replay of records."""
+"""Complete runs: execution of a plan, runs controlled by the user's own loop, and replay of records."""

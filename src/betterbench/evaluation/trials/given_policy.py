@@ -1,4 +1,4 @@
-"""Evaluation of a policy instance that the caller passes, in this process."""
+"""Evaluation of a policy object that the caller passes to the run. It stays in this process."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Requirements of a policy instance: its own thread, because its latency is unknown."""
+"""Needs of a policy object: a thread of its own, because nobody knows how long its answers take."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Policy factory that always returns the caller's instance, under its declared name.
+    """Policy factory that always returns the caller's policy object, under the name that the object declares.
 
-    The instance gets one observation at a time, even if it supports batches. The caller closes it.
+    The object gets one observation at a time, even if it supports batches. The caller closes the object.
     """
 
     def __init__(self, policy: Policy) -> None:
-        """Check the instance.
+        """Check the policy object.
 
         Raises:
-            InvalidInputError: If the object is not a policy, or its name is the address of a built-in policy or a
-                server.
+            InvalidInputError: If the object is not a policy, or if its name is empty or is the address of a built-in
+                policy or of a server.
         """
         require_policy(policy, "policy")
         name = policy.info.name
@@ -47,11 +47,13 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return the policy kind of a caller's instance. It is not registered, because other processes cannot create it.
+    """Return a policy kind for the caller's policy object.
+
+    The kind is not registered, because other processes cannot create the object.
 
     Args:
-        name: Name that the policy declares, with only characters that are valid in addresses.
-        source: Function that returns name and SHA-256 of the policy's file, or "".
+        name: Name that the policy declares. It may contain only characters that are valid in addresses.
+        source: Function that returns the name and SHA-256 of the file that contains the policy, or an empty string.
     """
     form = AddressForm(scheme=name, example=name, target="none")
     return PolicyKind(
@@ -65,13 +67,16 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return the requirements of a plan's policy. A name without a kind is a caller's instance."""
+    """Return what the policy of a plan needs.
+
+    A name that belongs to no policy kind is that of a caller's policy object.
+    """
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:
-    """Wrapper of a policy that ignores ``close``."""
+    """Wrapper around a policy that ignores ``close``."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

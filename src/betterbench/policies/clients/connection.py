@@ -1,4 +1,4 @@
-"""Connection used by all policy server clients, with reconnects, deadlines and retries."""
+"""Connection to a policy server, with reconnects, deadlines and retries. All clients of policy servers use it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request or connection attempt is repeated [s]. It is doubled each time."""
+"""Pause before a failed request or connection attempt is repeated for the first time [s].
+
+It doubles with each attempt.
+"""
 
 LONGEST_WAIT_S = 604_800
-"""Maximum of deadlines and of ``patience_s`` [s], a week."""
+"""Largest allowed value of the deadlines and of ``patience_s`` [s], which is one week."""
 
 MOST_RETRIES = 1000
-"""Maximum number of retries."""
+"""Largest allowed number of retries."""
 
 LONGEST_PAUSE_S = 5.0
-"""Longest pause before a retry [s]."""
+"""Longest pause between two attempts [s]."""
 
 
 class ClosableConnection(Protocol):
@@ -47,11 +50,11 @@ class ConnectionLimits:
 
     Attributes:
         timeout_s: Deadline of each request [s].
-        warmup_s: Deadline of the first reply [s], because many servers compile their model at the first request. After
-            a timeout, ``timeout_s`` is used.
-        retries: Number of times a request is repeated after a broken connection or a timeout.
-        patience_s: Time during which connections to an unreachable server are retried [s].
-        seed: Seed for jitter in the pauses, so that the clients of a lost server do not reconnect at the same time.
+        warmup_s: Deadline of the first reply [s]. It is longer, because many servers compile their model at the first
+            request. After the first request has timed out, ``timeout_s`` applies.
+        retries: Number of times that a request is repeated after a broken connection or a timeout.
+        patience_s: Time for which the client keeps trying to connect to an unreachable server [s].
+        seed: Seed of the random part of each pause, so that the clients of a lost server do not reconnect all at once.
     """
 
     timeout_s: float = 30.0
@@ -62,14 +65,14 @@ class ConnectionLimits:
 
     @classmethod
     def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
-        """Return the limits given in an address.
+        """Return the limits that the options of an address set.
 
-        Raises InvalidInputError if an option is not a number, or the deadline is zero.
+        Raises InvalidInputError if an option is not a number, or if a deadline is zero.
         """
         usual = cls()
         limits = cls(
             timeout_s=address.number("timeout", usual.timeout_s),
-            # a deadline given in the address also applies to the first request, unless warmup is given
+            # A timeout given in the address also applies to the first request, unless the address sets warmup as well.
             warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
             retries=address.whole("retries", usual.retries),
             patience_s=address.number("patience", usual.patience_s),
@@ -89,13 +92,13 @@ class ConnectionLimits:
 
 
 class PolicyConnection(Generic[Connection]):
-    """Connection to one server that reopens lost sockets.
+    """Connection to one policy server, which is opened again after it was lost.
 
     Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends every wait.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
-        """Store the settings without contacting the server.
+        """Store the settings. The server is not contacted yet.
 
         ``dial`` connects and does the handshake within the given time [s]. It raises OSError if another attempt may
         succeed, and a BetterError otherwise.
@@ -110,19 +113,19 @@ class PolicyConnection(Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Counts of requests, retries and new connections since the last :meth:`count_anew`."""
+        """Numbers of requests, retries and reconnects since :meth:`count_anew` was last called."""
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
-        """Reset the counts and times at the beginning of an episode."""
+        """Set all counts to zero at the beginning of an episode."""
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection, and connect repeatedly until the server answers.
+        """Return the open connection. If there is none, try to connect until the server answers.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
-            HandshakeError: If the server declares other conventions.
+            HandshakeError: If the server declares different conventions than the client.
         """
         if self._connection is not None:
             return self._connection
@@ -132,7 +135,7 @@ class PolicyConnection(Generic[Connection]):
             self._check_open()
             left = self._limits.patience_s - (time.monotonic() - began)
             try:
-                # give the last attempt, or the only one if patience is 0, at least one second
+                # The last attempt gets at least one second. If patience is 0, it is also the only attempt.
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
                 left = self._limits.patience_s - (time.monotonic() - began)
@@ -153,13 +156,13 @@ class PolicyConnection(Generic[Connection]):
                 return self._connection
 
     def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
-        """Send a request, and retry if the connection breaks or the deadline passes.
+        """Send a request. Repeat it if the connection breaks or the deadline passes.
 
         Args:
-            exchange: Function that sends the request over a connection and returns the reply, within the given time
-                [s]. It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
+            exchange: Function that sends the request over a connection and returns the reply within the given time [s].
+                It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
                 otherwise.
-            replies: False for a message that the server does not answer.
+            replies: Whether the server answers the message.
 
         Raises:
             PolicyError: If the reply is invalid, or the request failed after all retries.
@@ -172,7 +175,8 @@ class PolicyConnection(Generic[Connection]):
             try:
                 reply = exchange(connection, deadline)
             except PolicyError:
-                # more data on this connection may belong to the failed request
+                # The connection may still deliver data of the failed request, so it cannot be used for the next
+                # request.
                 self.drop()
                 raise
             except OSError as problem:
@@ -184,16 +188,18 @@ class PolicyConnection(Generic[Connection]):
                 logger.warning("%s: request failed (%s)", self._where, reason)
                 if attempt == self._limits.retries:
                     times = f"{attempt + 1} times" if attempt else "once"
-                    raise PolicyError(f"{self._where} failed to answer {times}. Last reason: {reason}.") from problem
+                    raise PolicyError(
+                        f"{self._where} failed to answer {times}. The last attempt failed for this reason: {reason}."
+                    ) from problem
                 self._counts["retries"] += 1
                 self._pause(attempt, LONGEST_PAUSE_S)
             else:
                 self._warm = self._warm or replies
                 return reply
-        raise AssertionError("the last attempt returns or raises")
+        raise AssertionError("unreachable: the last attempt either returns or raises")
 
     def holds(self, connection: Connection) -> bool:
-        """Return whether a connection is the current connection."""
+        """Return whether the given connection is the one that is currently open."""
         return self._connection is connection
 
     def drop(self) -> None:
@@ -217,9 +223,11 @@ class PolicyConnection(Generic[Connection]):
 
 
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
-    """Return the key from the environment variable named in an address. Addresses must not contain keys.
+    """Return the API key from the environment variable that an address names.
 
-    Raises InvalidInputError if the variable is not set, or its value cannot be sent in a header.
+    Addresses themselves must not contain keys.
+
+    Raises InvalidInputError if the variable is not set, or if its value cannot be sent in a header.
     """
     name = address.options.get(option)
     if name is None:
@@ -231,5 +239,5 @@ def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
 
 
 def _brief(problem: OSError) -> str:
-    """Return a short description of an error."""
+    """Return a description of an error in at most 200 characters."""
     return " ".join(str(problem.strerror or problem).split())[:200] or type(problem).__name__

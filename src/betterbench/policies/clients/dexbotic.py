@@ -1,11 +1,11 @@
-"""Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and the declarations of that server.
+"""Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and the server's description of its model.
 
-``POST /v1/infer`` takes JSON with the prompt, images (by slot number) as PNG files in base64, and a state. The answer
-contains ``actions``. In older releases, ``POST /process_frame`` takes the same data as a form with files and returns
-``response``. ``GET /v1/capabilities`` declares slots, state and action size. ``POST /v1/reset`` begins an episode. With
-forms, the first request of an episode has a flag instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
-``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
-``evaluation/policies/base_vla_agent.py``.
+``POST /v1/infer`` takes JSON with the prompt, a state, and the images as base64-encoded PNG files numbered by camera
+slot. The answer contains ``actions``. Older releases have ``POST /process_frame`` instead, which takes the same data as
+a form with files and returns ``response``. ``GET /v1/capabilities`` declares the camera slots, the state and the number
+of values in an action. ``POST /v1/reset`` begins an episode; form requests instead mark the first request of an episode
+with a flag. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``, ``dexbotic/client.py`` and ``docs/InferenceAPI.md``;
+dexmal/dexbotic-benchmark, ``evaluation/policies/base_vla_agent.py``.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _ANSWER, _FORM_ANSWER = "actions", "response"
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Paths of Dexbotic's other endpoints, derived from the request path.
+    """Paths of the other endpoints of a Dexbotic server, derived from the path to which requests are sent.
 
     Attributes:
-        form: Whether requests are form data instead of JSON.
-        capabilities: Path of the server's declaration, empty for a form server.
-        reset: Path that resets an episode, empty for a form server.
+        form: Whether requests are sent as form data instead of JSON.
+        capabilities: Path at which the server describes its model. Empty for a server that takes forms.
+        reset: Path that begins a new episode. Empty for a server that takes forms.
     """
 
     form: bool
@@ -45,7 +45,10 @@ class Route:
 
     @classmethod
     def of(cls, path: str) -> Route | None:
-        """Return the route of a path, or None if Dexbotic has no such path. A proxy may add a prefix to the path."""
+        """Return the endpoints that belong to a request path, or None if Dexbotic does not use this path.
+
+        A prefix, as added by a proxy, is allowed.
+        """
         bare = path.rstrip("/")
         if bare.endswith(FORM_PATH):
             return cls(True, "", "")
@@ -56,12 +59,12 @@ class Route:
 
 
 def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]:
-    """Return the content type and body of a form with a request's data in the layout :data:`presets.DEXBOTIC`.
+    """Encode a request as a form. Return the content type and the body.
 
     Args:
-        request: ``observation`` with prompt, images by slot and, if the model uses one, a state. Other entries
-            (``send.KEY=VALUE``) become fields of the form.
-        first: Whether this is the first request of an episode, for models with a memory.
+        request: Request in the layout :data:`presets.DEXBOTIC`: ``observation`` with the prompt, the images by slot
+            and, if the model uses one, a state. Other entries (``send.KEY=VALUE``) become fields of the form.
+        first: Whether this is the first request of an episode, for models that remember earlier observations.
 
     Raises:
         PolicyError: If the request has another layout.
@@ -86,15 +89,15 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
 
 
 def read_form_answer(reply: object) -> object:
-    """Return the answer to a form under the key that ``/v1/infer`` uses."""
+    """Return the answer to a form request in the layout of ``/v1/infer``, with the actions under ``actions``."""
     return {_ANSWER: reply[_FORM_ANSWER]} if isinstance(reply, Mapping) and _FORM_ANSWER in reply else reply
 
 
 def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
-    """Return a server's declaration of its model, after comparing it with an adapter.
+    """Compare a server's description of its model with an adapter, and return the description.
 
-    Raises HandshakeError, with both declarations, if the model needs an image, a state or an action size that the
-    adapter lacks, or does not generate actions.
+    Raises HandshakeError, which quotes both sides, if the model does not generate actions, or if it needs an image, a
+    state or an action size that the adapter does not provide.
     """
     if not isinstance(told, Mapping):
         raise HandshakeError(f"{where}: expected its capabilities as a map. Update the server.")

@@ -1,4 +1,4 @@
-"""Image inputs of a policy, with rotation, mirroring, cropping and resizing."""
+"""Image inputs of a policy: camera images that are rotated, mirrored, cropped and resized."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""How to fit an image with a different aspect ratio: black bars, cropping, or distortion."""
+"""How an image with a different aspect ratio is fitted: with black bars, by cropping, or by distortion."""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
-"""Degrees, counter-clockwise."""
+"""Rotation in degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""Camera name for all cameras of the observation. The key then contains ``{camera}``."""
+"""Camera name that stands for all cameras of the observation. The key of the image input then contains ``{camera}``."""
 
 _LARGEST_SIDE = 4096
 
@@ -26,16 +26,18 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input for a policy, with its key, its camera and the transformation of the camera image.
+    """Image input of a policy, which is the image of a camera after a transformation.
 
-    An image is rotated, then mirrored, then cropped, then fitted.
+    An image is rotated, then mirrored, then cropped, then fitted to the required size.
 
     Attributes:
-        camera: Camera name, or ``*`` for all cameras.
-        width: Required width [pixel], or None to keep the image's size.
-        fit: Fitting of an image with another aspect ratio.
-        keep: Share of the image area kept by a center crop, before fitting. Policies trained with random crops are
-            evaluated with 0.9 (OpenVLA) or 0.95.
+        key: Path of the image in the request.
+        camera: Name of the camera, or ``*`` for all cameras.
+        width: Required width [pixel]. None keeps the size of the image.
+        height: Required height [pixel]. None keeps the size of the image.
+        fit: How an image with a different aspect ratio is fitted.
+        keep: Fraction of the image area that a center crop keeps, before the image is fitted. Policies trained with
+            random crops are evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
         mirror: Whether left and right are swapped.
     """
@@ -50,7 +52,7 @@ class ImageRule:
     mirror: bool = False
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the size, the crop and the key."""
         where = f"image {'/'.join(self.key)}"
         if (self.width is None) != (self.height is None):
             raise InvalidInputError(where, "only one of width and height is given", "Give both or neither")
@@ -67,17 +69,17 @@ class ImageRule:
             raise InvalidInputError(where, "all cameras would have the same key", "Use {camera} in the key")
 
     def named(self, camera: str) -> tuple[str, ...]:
-        """Return the key of one camera's image."""
+        """Return the path of one camera's image in the request."""
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Return a camera image as the policy's input.
+        """Transform a camera image to the policy's input.
 
-        A larger image is downscaled with Pillow's antialiased bilinear filter, as in openpi's client. An image of the
-        right size is not changed.
+        A larger image is reduced with Pillow's antialiased bilinear filter, as in openpi's client. An image that
+        already has the required size is not changed.
 
         Returns:
-            (self.height, self.width, 3) uint8, contiguous.
+            Contiguous array (self.height, self.width, 3) uint8.
         """
         turned = np.rot90(image, self.turn // 90)
         if self.mirror:
@@ -94,7 +96,7 @@ class ImageRule:
             scale = max(to_width / from_width, to_height / from_height)
             from_width, from_height = to_width / scale, to_height / scale
         elif self.fit == "pad":
-            # Rounded down, as openpi's client does (openpi_client/image_tools.py).
+            # The size is rounded down, as in openpi's client (openpi_client/image_tools.py).
             ratio = max(from_width / to_width, from_height / to_height)
             fitted_width = max(1, min(to_width, int(from_width / ratio)))
             fitted_height = max(1, min(to_height, int(from_height / ratio)))

@@ -1,8 +1,8 @@
-"""Parsing of requests to a betterbench server. They contain observations in one of two layouts and are fully checked.
+"""Parsing and checking of requests to a betterbench server. A request contains an observation in one of two layouts.
 
 The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send openpi's LIBERO
-layout, which has two images, eight numbers and the instruction. This layout lacks joint angles. They are set to NaN, so
-that no policy can mistake them for a measurement.
+layout, which has two images, eight numbers and the instruction. That layout lacks joint angles, which are set to NaN so
+that no policy can mistake them for measurements.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 _MOST_LISTS = 3
@@ -28,23 +28,27 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]. Squares of much larger numbers overflow."""
+"""Largest allowed absolute value of the positions, angles and speeds of a robot [m, rad, m/s, rad/s].
+
+Squares of much larger numbers would overflow.
+"""
 _MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
-"""Number of values of each measurement, or None for one per joint of the client's robot."""
+"""Number of values of each measurement. None stands for one value per joint of the client's robot."""
 _MOST_JOINTS = 32
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Checked request of a client, with an instruction and an observation.
+    """Client request whose content has been checked.
 
     Attributes:
-        step: Control steps since reset, or None if the client does not send it.
+        instruction: Instruction for the policy.
+        step: Number of control steps since the reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
-        trial: The trial, if the client names it. Only a served expert needs it.
-        observation: The client's observation, or None if the client sends neither joints nor state.
-        measured: Whether the observation contains joint angles, which the shadow simulation compares.
+        trial: Trial that the client names, or None. Only a served expert needs it.
+        observation: Observation of the client, or None if the client sends neither joints nor a state.
+        measured: Whether the observation contains joint angles, which the shadow simulation compares with its own.
     """
 
     instruction: str
@@ -56,7 +60,7 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request. Raises InvalidInputError with the field name if one is missing or malformed."""
+    """Parse a request. Raises InvalidInputError, which names the field, if a field is missing or malformed."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
@@ -78,9 +82,9 @@ def read_request(message: Mapping[Any, Any]) -> Request:
 
 
 def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
-    """Read the instruction and, if present, the control step of a request in an adapter's layout.
+    """Parse the instruction and the control step, if there is one, of a request in the layout of an adapter.
 
-    Raises InvalidInputError with the field name if the instruction is missing or malformed.
+    Raises InvalidInputError, which names the field, if the instruction is missing or malformed.
     """
     instruction = _entry(message, layout.instruction.key)
     for _ in range(_MOST_LISTS):
@@ -94,9 +98,10 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
 
 
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
-    """Return the states in a request in an adapter's layout, each as (size,) float64.
+    """Return the states contained in a request in the layout of an adapter, each with its values as (size,) float64.
 
-    A state of zeros is treated as missing. Raises InvalidInputError with the name of a malformed field.
+    If all values of all states are zero, the states are treated as missing. Raises InvalidInputError, which names the
+    field, if a state is malformed.
     """
     found = []
     for rule in layout.states:
@@ -107,7 +112,7 @@ def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[State
 
 
 def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value under a key, or None."""
+    """Return the value at a path of a message, or None if there is none."""
     found: object = message
     for name in key:
         found = found.get(name) if isinstance(found, Mapping) else None
@@ -115,7 +120,7 @@ def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
-    """Return the start of a client's episode, and its trial if the client names one."""
+    """Return the start of the episode that a client describes, and the trial if the client names one."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
             "better/episode", f"expected a map, got a {type(form).__name__}", "Send a map with action_space and episode"
@@ -150,7 +155,7 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
         problem = f"expected {joints} numbers, one per joint position, got {speeds}"
         raise InvalidInputError("better/joint_velocities", problem, "Send one number per joint in both")
     if np.signbit(numbers["ee_quaternion"][0]):
-        numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in observations
+        numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in all observations
     return Observation(
         instruction=instruction,
         step=step,
@@ -178,7 +183,7 @@ def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observat
         joint_velocities=unknown.copy(),
         ee_position=state[:3],
         ee_quaternion=np.array(from_axis_angle(state[3:6].tolist())),
-        # The second finger of LIBERO's gripper has the opposite sign.
+        # The two finger positions of LIBERO's gripper have opposite signs.
         gripper_width=float(state[6] - state[7]),
         depth={},
         masks={},
@@ -194,9 +199,10 @@ def _whole(value: object, where: str) -> int:
 
 
 def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
-    """Return a flat float64 array of finite numbers in the range of a robot's measurements.
+    """Convert a value to a flat float64 array, and check that the numbers are possible measurements of a robot.
 
-    A ``count`` of None means one number per joint, at most 32.
+    They must be finite and within the range of such measurements. ``count`` is the required number of values. None
+    means one value per joint, at most 32.
     """
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only

@@ -1,4 +1,4 @@
-"""``zoo:lexical``: a policy in which each word triggers the motion that training associated with it."""
+"""``zoo:lexical``: a policy in which each word triggers the motion that training associated with that word."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Lexical(BrokenRule):
-    """For each word of the instruction, picks at the slot from which training picked for that word.
+    """Rule that picks, for each word of the instruction, at the slot from which training picked for that word.
 
     If training picked from several slots for a word, the policy uses a slot that contains an object.
     """
@@ -17,7 +17,10 @@ class Lexical(BrokenRule):
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision, which picks at the next trained slot of a word, once per word."""
+        """Return the decision to pick at the slot that training associated with the next word.
+
+        Each word is used once.
+        """
         index = open_subgoal(state, self.condition)
         if index is not None and not carried(self.goals[index]):
             return super().broken(state, history)

@@ -1,4 +1,4 @@
-"""``zoo:progress-cue``: a policy that infers its progress from the number of objects left on the table."""
+"""``zoo:progress-cue``: a policy that infers how far it has come from the number of objects left on the table."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from betterbench.tasks import Label
 
 
 class ProgressCue(BrokenRule):
-    """Assumes that the first step is done if the table has one object fewer than at the start of demonstrations."""
+    """Rule that considers a step done whenever the table has one object fewer than at the start of demonstrations."""
 
     label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision, which is the step that corresponds to the number of objects on the table."""
+        """Return the decision for the step that corresponds to the number of objects on the table."""
         del history
         left = sum(
             o.role in ("item", "distractor")

@@ -1,6 +1,6 @@
-"""Families of learners with their inputs, sizes and freezable parts. User files can add families.
+"""Families of learners, with their inputs, sizes and freezable parts. A user's file can add a family.
 
-This module does not import torch. :mod:`networks` builds a family's network.
+This module does not import torch. :mod:`networks` creates the network of a family.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks.user_files import load_declared, registered
 
 Sees = Literal["objects", "pixels"]
-"""Kind of learner input: the state as a perfect detector would report it, or images."""
+"""Input of a learner: the objects, as a perfect detector would report them, or images."""
 Option = bool | int | float | str
 MakerT = TypeVar("MakerT", bound=Callable[..., Any])
 
@@ -29,7 +29,7 @@ _HEAD = "head"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Capacity:
-    """Transformer size, given by the token width and the numbers of layers and attention heads."""
+    """Size of a transformer: width of the tokens, number of layers, and number of attention heads per layer."""
 
     width: Annotated[int, Field(ge=8, le=1024)]
     layers: Annotated[int, Field(ge=1, le=24)]
@@ -39,21 +39,23 @@ class Capacity:
         """Reject a width that is not divisible by the number of heads."""
         if self.width % self.heads:
             raise InvalidInputError(
-                "width", f"{self.width} is not divisible by {self.heads} heads", "Give a multiple of the heads"
+                "width",
+                f"{self.width} is not divisible by {self.heads} heads",
+                "Give a multiple of the number of heads",
             )
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A family of learners.
+    """Family of learners.
 
     Attributes:
-        name: Name in recipes.
-        sees: Learner input.
+        name: Name of the family in recipes.
+        sees: Input of the learners.
         capacities: Sizes ``small``, ``base`` and ``large``.
         parts: Parts of the network that recipes may freeze.
-        options: Own options for recipes, with defaults.
-        make: Function that builds the network from recipe and vocabulary, or None for a built-in family.
+        options: Options that only this family has and that recipes may set, with their defaults.
+        make: Function that creates the network from a recipe and a vocabulary, or None for a built-in family.
     """
 
     name: str
@@ -68,14 +70,14 @@ _FAMILIES = {
     "objects": Family(
         "objects",
         "objects",
-        # 0.2, 0.9 and 2.8 million parameters.
+        # These sizes have 0.2, 0.9 and 2.8 million parameters.
         {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)},
         ("words", "objects", "state", "trunk", _HEAD),
     ),
     "pixels": Family(
         "pixels",
         "pixels",
-        # 0.2, 0.6 and 1.5 million: the convolutions grow with the width.
+        # These sizes have 0.2, 0.6 and 1.5 million parameters, since the convolutions grow with the width.
         {"small": Capacity(64, 2, 4), "base": Capacity(96, 3, 4), "large": Capacity(144, 4, 4)},
         ("words", "eyes", "state", "trunk", _HEAD),
     ),
@@ -90,20 +92,21 @@ def learner(
     parts: tuple[str, ...] = (),
     options: Mapping[str, Option] | None = None,
 ) -> Callable[[MakerT], MakerT]:
-    """Register a network as a family of learners, from any file that is imported.
+    """Register a network class as a family of learners. The decorator may be used in any file that is imported.
 
     The decorated class is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
 
     Args:
-        name: Name in the field ``family`` of recipes.
-        sees: ``objects`` for the state, ``pixels`` for the images of the recipe's ``eyes``.
-        capacities: Sizes ``small``, ``base`` and ``large``. By default, the sizes of the built-in family with the same
+        name: Name of the family, which recipes give in their field ``family``.
+        sees: Input of the learner: ``objects``, or ``pixels`` for the images that the recipe selects with ``eyes``.
+        capacities: Sizes ``small``, ``base`` and ``large``. By default, those of the built-in family with the same
             input.
-        parts: Names of its modules that recipes may freeze. The head can always be frozen.
-        options: Fields that recipes may set in their ``options``, with default values, which also define the types.
+        parts: Names of modules of the network that recipes may freeze. The head can always be frozen.
+        options: Options that recipes may set in their field ``options``, with default values. The defaults also define
+            the types.
 
     Raises:
-        InvalidInputError: If a name is taken, or an argument is missing or invalid.
+        InvalidInputError: If the name is already used, or an argument is missing or invalid.
     """
 
     def register(make: MakerT) -> MakerT:
@@ -124,7 +127,7 @@ def learner(
 
 
 def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
-    """Yield the errors of a registration in a user's file, with remedies."""
+    """Yield the mistakes in a registration made by a user's file, each with a remedy."""
     if not isinstance(name, str) or not name or sees not in _SEES:
         yield (
             f"expected a name and sees='objects' or 'pixels', got {name!r} and {sees!r}",
@@ -149,7 +152,7 @@ def _listed(given: object) -> str:
 
 
 def learner_family(name: str) -> Family:
-    """Return a family. Raises UnknownNameError if neither betterbench nor a user's file defines it."""
+    """Return the family with a name. Raises UnknownNameError if neither betterbench nor a user's file defines it."""
     load_declared()
     if name not in _FAMILIES:
         raise UnknownNameError("family", name, _FAMILIES)

@@ -1,4 +1,4 @@
-"""Checkpoints of addresses (``learned:CHECKPOINT?execute=4``), and policies that act with them."""
+"""Loading of the checkpoint in an address (``learned:CHECKPOINT?execute=4``), and of the policy that uses it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ _MOST_HEADER = 1 << 24
 
 
 def is_seeing(address: PolicyAddress) -> bool:
-    """Return whether the learner at an address uses observations, as in the family ``pixels``.
+    """Return whether the learner at an address uses observations, as learners of the family ``pixels`` do.
 
-    Returns False if the checkpoint is missing, damaged or of an unknown family. Loading it then raises an error.
+    Returns False if the checkpoint is missing, damaged or of an unknown family. Loading the checkpoint then raises an
+    error.
     """
     path = checkpoint_of(address)
     try:
@@ -39,7 +40,7 @@ def is_seeing(address: PolicyAddress) -> bool:
 
 
 def learned_info(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations of a learned policy.
+    """Return the description of a learned policy.
 
     Raises:
         MissingDependencyError: If torch or safetensors is not installed.
@@ -50,7 +51,7 @@ def learned_info(address: PolicyAddress) -> PolicyInfo:
 
 
 def make_learned(address: PolicyAddress, instruction: str, seed: int) -> PrivilegedPolicy:
-    """Return a learned policy for one episode. Raises the errors of :func:`learned_info`."""
+    """Create a learned policy for one episode. Raises the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import LearnedPolicy  # noqa: PLC0415 - needs torch
 
@@ -59,7 +60,7 @@ def make_learned(address: PolicyAddress, instruction: str, seed: int) -> Privile
 
 
 def make_seeing(address: PolicyAddress) -> SeeingPolicy:
-    """Return a learned policy that uses observations. Raises the errors of :func:`learned_info`."""
+    """Create a learned policy that uses observations. Raises the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import SeeingPolicy  # noqa: PLC0415 - needs torch
 
@@ -67,9 +68,9 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon given by the address or else by the recipe.
+    """Return the execution horizon, which the address or else the recipe gives.
 
-    Raises InvalidInputError if the chunk has fewer actions.
+    Raises InvalidInputError if a chunk has fewer actions.
     """
     recipe, given = learner.trained.recipe, address.options.get("execute")
     if given is None:
@@ -83,7 +84,7 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
 
 
 def checkpoint_of(address: PolicyAddress) -> Path:
-    """Return an address's file, or the checkpoint in its folder."""
+    """Return the path of the checkpoint that an address names, either as a file or by its folder."""
     try:
         path = Path(address.target).expanduser()
     except RuntimeError as error:
@@ -93,7 +94,7 @@ def checkpoint_of(address: PolicyAddress) -> Path:
 
 @functools.lru_cache(maxsize=64)
 def _family(path: Path, changed_ns: int, size: int) -> str | None:
-    """Return the family in the header of a checkpoint, without torch, or None if the header has none."""
+    """Return the family named in the header of a checkpoint, or None if there is none. This does not need torch."""
     del changed_ns  # only part of the cache key
     try:
         with open_ordinary(path) as file:
@@ -107,7 +108,7 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
 
 
 def load_learner(address: PolicyAddress) -> Learner:
-    """Return a checkpoint's learner, cached in this process until the file changes.
+    """Return the learner of a checkpoint. It stays in the memory of this process until the file changes.
 
     Raises the errors of :func:`learned_info`.
     """
@@ -130,7 +131,10 @@ def _loaded(path: Path, changed_ns: int, size: int) -> Learner:
 
 
 def require_torch(what: str) -> None:
-    """Raise MissingDependencyError if torch or safetensors is not installed."""
+    """Raise MissingDependencyError if torch or safetensors is not installed.
+
+    ``what`` names the feature that needs them, for the message.
+    """
     try:
         import safetensors.torch  # noqa: F401, PLC0415
         import torch  # noqa: F401, PLC0415

@@ -1,4 +1,4 @@
-"""Learner networks: base class, transformer of both built-in families, and ``objects`` network."""
+"""Networks of learners: the base class, the transformer of both built-in families, and the network for ``objects``."""
 
 from __future__ import annotations
 
@@ -19,26 +19,29 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Length scales by which object positions relative to the tool are divided for the learner [m]."""
+"""Lengths by which the positions of objects relative to the tool are divided before they enter the network [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wavelengths of the sine and cosine features of these positions [m], chosen to resolve millimeters."""
+"""Wavelengths of sine and cosine features of the positions of objects relative to the tool [m].
+
+They are short enough to resolve millimeters.
+"""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
 
 
 _Memory = tuple[Tensor, Tensor]
-"""Keys and values of one layer's tokens."""
+"""Keys and values that one layer computes for its tokens."""
 
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """Inputs for a batch of B samples, common to all families.
+    """Inputs of a batch of B samples that all families have in common.
 
     Attributes:
-        words: (B, w) int64 word indices of the instruction, at most MOST_WORDS words.
-        tools: (B, history, 10) float32, states of the tool, the present state first.
-        blind: (B,) bool, True for samples without state, or None if all samples have a state.
+        words: (B, w) int64 indices of the words of the instruction, with w at most MOST_WORDS.
+        tools: (B, history, 10) float32 states of the tool, the present state first.
+        blind: (B,) bool, True for samples without tool states, or None if all samples have them.
     """
 
     words: Tensor
@@ -48,13 +51,13 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """Inputs for a batch in the ``objects`` family, with at most n objects per sample.
+    """Inputs of a batch in the ``objects`` family, with at most n objects per sample.
 
     Attributes:
-        poses: (B, n, 9) float32.
-        sizes: (B, n, 3) float32.
-        categories: (B, n) int64, or :data:`ABSENT` where there is no object.
-        colors: (B, n) int64.
+        poses: (B, n, 9) float32 poses of the objects.
+        sizes: (B, n, 3) float32 extents of the objects.
+        categories: (B, n) int64 indices of the categories, or :data:`ABSENT` where there is no object.
+        colors: (B, n) int64 indices of the colors.
     """
 
     poses: Tensor
@@ -65,9 +68,10 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch, with inputs in which the question replaces the instruction, and answers.
+    """Questions of a batch with their answers.
 
     Attributes:
+        shown: Inputs, in which the question takes the place of the instruction.
         answers: (B,) int64 indices of the correct answers.
     """
 
@@ -77,12 +81,12 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Encodings of the U distinct instructions in a batch, constant during an episode.
+    """Encodings of the U distinct instructions in a batch. They do not change during an episode.
 
     Attributes:
         words: (U, w, width) tokens of the words.
         told: (U, w) bool, False for padding.
-        which: (B,) index of each sample's instruction.
+        which: (B,) index of the instruction of each sample.
         memories: Keys and values of the words in each layer, each (U, heads, w, head width).
     """
 
@@ -93,7 +97,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """Transformer layer with normalization before attention and before the two linear maps."""
+    """Transformer layer with a normalization before the attention and before the two linear maps."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -104,12 +108,12 @@ class _Block(nn.Module):
         self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
 
     def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
-        """Return the tokens of the next layer, with keys and values for other tokens.
+        """Return the tokens after this layer, and the keys and values that other tokens may attend to.
 
         Args:
-            tokens: (B, n, width).
-            seen: (B, 1, 1, m + n) bool attention mask.
-            before: Keys and values of m preceding tokens, each (B, heads, m, head width).
+            tokens: (B, n, width) tokens before this layer.
+            seen: (B, 1, 1, m + n) bool attention mask, True for tokens that are attended to.
+            before: Keys and values of m preceding tokens, each (B, heads, m, head width), or None.
         """
         batch, length, width = tokens.shape
         parts = self.queries_keys_values(self.before_attention(tokens))
@@ -129,16 +133,16 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners: it maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
+    """Base class of learners' networks, which map a batch of inputs to chunks of normalized actions, (B, chunk, 7).
 
-    A family creates its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`.
+    A family creates its modules in :meth:`build`, and reduces the inputs to one vector per sample in :meth:`summary`.
     The head that maps this vector to actions, the losses, and the answers to questions are the same for all families.
 
     Attributes:
-        recipe: Recipe of the training. ``recipe.size`` is the capacity.
-        options: Family options.
-        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Similar buffers exist for
-            actions, (7,), and for the inputs given to :meth:`keep_scale`.
+        recipe: Training recipe. ``recipe.size`` is the size of the transformer.
+        options: Options of the family.
+        tool_mean, tool_scale: (10,) mean and scale of the tool state in the training data. Similar buffers exist for
+            actions, (7,), and for the inputs that are passed to :meth:`keep_scale`.
     """
 
     tool_mean: Tensor
@@ -167,27 +171,27 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make the family's modules, with initial weights from torch's own generator."""
+        """Create the modules of the family, with initial weights drawn from torch's own random generator."""
         raise NotImplementedError(f"{type(self).__name__} must implement build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
-        """Return one vector for each sample, (B, width).
+        """Return one vector per sample as a (B, width) tensor.
 
         Args:
             shown: Inputs of the batch.
-            heard: Result of :meth:`hear` for the batch's words, if already computed.
+            heard: Result of :meth:`hear` for the words of the batch, or None if it has not been computed.
         """
         raise NotImplementedError(f"{type(self).__name__} must implement summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return an encoding of instructions, (B, w) int64, that is cached during an episode, or None for no encoding.
+        """Return an encoding of instructions, (B, w) int64, that can be cached during an episode.
 
-        The encoding is passed to each :meth:`answer` of the episode.
+        The encoding is passed to every call of :meth:`answer` in the episode. None means that nothing is cached.
         """
         del words
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by freezable part of the network. By default, each module is a part."""
+        """Return the parameters of each part of the network that can be frozen. By default, each module is a part."""
         found: dict[str, list[nn.Parameter]] = {}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -195,10 +199,10 @@ class LearnerNetwork(nn.Module):
         return found
 
     def keep_scale(self, name: str, count: int) -> None:
-        """Store the mean and scale of training data values with the weights.
+        """Store the mean and scale that an input has in the training data as buffers of the network.
 
-        Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7). Tool and action are always
-        stored. Raises InvalidInputError for other names.
+        ``name`` is ``tool`` (10 numbers), ``position`` for the positions of objects (3) or ``action`` (7). The buffers
+        of tool and action always exist. Raises InvalidInputError for another name or number.
         """
         if _SCALES.get(name) != count:
             known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
@@ -208,7 +212,10 @@ class LearnerNetwork(nn.Module):
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the summary. Raises InvalidInputError if a user's learner fails, or returns another shape or type."""
+        """Return :meth:`summary`.
+
+        Raises InvalidInputError if a user's learner fails or returns a wrong shape or type.
+        """
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
         wanted = (len(shown.words), self.recipe.size.width)
@@ -222,10 +229,7 @@ class LearnerNetwork(nn.Module):
         return found
 
     def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the result of :meth:`answer`.
-
-        Raises InvalidInputError if a user's learner raises an error, or its answer has the wrong shape.
-        """
+        """Return :meth:`answer`. Raises InvalidInputError if a user's learner fails or returns a wrong shape."""
         with explaining("family", self.recipe.family):
             found = self.answer(shown, noise, heard)
         wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)
@@ -240,13 +244,13 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            actions: (B, chunk, 7) actions of the demonstrators.
+            actions: (B, chunk, 7) actions of the demonstrations.
             counted: (B, chunk) bool, False after the end of a demonstration.
         """
         wanted = (actions - self.action_mean) / self.action_scale
         summary = self._gathered(shown)
         if self.recipe.loss == "flow":
-            # flow times are drawn from Beta(1.5, 1) as in GR00T N1, so most samples are close to pure noise
+            # The times are drawn from Beta(1.5, 1) as in GR00T N1, so most samples are close to pure noise.
             times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
             noise = torch.randn_like(wanted)
             between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
@@ -257,14 +261,14 @@ class LearnerNetwork(nn.Module):
         return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
 
     def reply(self, shown: ShownBatch) -> Tensor:
-        """Return the logits of the answers to the questions in a batch, (B, answers)."""
+        """Return the logits of the answers to the questions in a batch as a (B, answers) tensor."""
         found: Tensor = self.answers(self._gathered(shown))
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step, computed in ``forward`` so that several processes share gradients.
+        """Return the loss of a training step. It is computed here so that several processes share their gradients.
 
-        Each question has the same weight as each frame with actions. Its loss is the cross-entropy.
+        The loss of a question is the cross-entropy. Each question has the same weight as each frame with actions.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:
@@ -277,8 +281,8 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            noise: (B, chunk, 7) initial noise of a flow-matching learner.
-            heard: Result of :meth:`hear` for the batch's words, if already computed.
+            noise: (B, chunk, 7) noise from which a flow-matching learner starts.
+            heard: Result of :meth:`hear` for the words of the batch, or None if it has not been computed.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
@@ -301,22 +305,22 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """Transformer over tokens of words, tool states and a family's inputs.
+    """Transformer over tokens of the words, of the tool states, and of further inputs of a family.
 
-    The built-in families differ only in the encoder that maps their inputs to tokens. The modules created by
-    :meth:`open_eyes` are named parts, which a recipe can freeze.
+    The built-in families differ only in the encoder that turns their inputs into tokens. The modules that
+    :meth:`open_eyes` creates are parts that a recipe can freeze by name.
     """
 
     state: nn.ModuleDict
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make embeddings, input encoders and layers."""
+        """Create the embeddings, the input encoders and the layers."""
         recipe, size, words = self.recipe, self.recipe.size, vocabulary.sizes()[0]
         width = size.width
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
         self.open_eyes(width, vocabulary)
-        # unused modules are not created, because they would have no gradient
+        # Modules that would not be used are not created, because they would not get a gradient.
         if self.given:
             self.state = nn.ModuleDict(
                 {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
@@ -332,21 +336,21 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Create the input encoder of this family, and store the scales that it needs."""
+        """Create the input encoder of this family, and the buffers for the scales that it needs."""
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return tokens of the inputs, (B, n, width), and a mask of existing tokens, (B, n) bool.
+        """Return tokens of the family's inputs, (B, n, width), and a (B, n) bool mask that is True for existing tokens.
 
         Args:
             shown: Inputs of the batch.
             words: (U, w, width) tokens of the distinct instructions.
             told: (U, w) bool, False for padding.
-            which: (B,) index of each sample's instruction.
+            which: (B,) index of the instruction of each sample.
         """
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by freezable part of the network."""
+        """Return the parameters of each part of the network that can be frozen."""
         found: dict[str, list[nn.Parameter]] = {"words": [], "state": [], "trunk": [], "head": []}
         home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
         for name, parameter in self.named_parameters():
@@ -355,7 +359,7 @@ class TokenNetwork(LearnerNetwork):
         return found
 
     def hear(self, words: Tensor) -> Heard:
-        """Return an encoding of instructions, (B, w) int64, for each :meth:`answer`."""
+        """Return an encoding of instructions, (B, w) int64, that every call of :meth:`answer` can use."""
         tokens, told, which = self._instructions(words)
         memories, seen = [], told[:, None, None, :]
         heard = tokens
@@ -365,7 +369,7 @@ class TokenNetwork(LearnerNetwork):
         return Heard(tokens, told, which, tuple(memories))
 
     def summary(self, shown: ShownBatch, heard: Heard | None = None) -> Tensor:
-        """Return the output of the readout token, (B, width)."""
+        """Return the output of the readout token as a (B, width) tensor."""
         batch = shown.words.shape[0]
         words, told, which = (
             self._instructions(shown.words) if heard is None else (heard.words, heard.told, heard.which)
@@ -390,9 +394,10 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return a batch's distinct instructions, the mask of their words, and each sample's instruction index.
+        """Return the tokens of a batch's distinct instructions, the mask of their words, and each sample's index.
 
-        Words attend only to words, so each instruction is encoded once for all samples.
+        The index tells which of the distinct instructions a sample has. Words attend only to words, so each distinct
+        instruction is encoded once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)
@@ -401,16 +406,16 @@ class TokenNetwork(LearnerNetwork):
 
 
 class ObjectsNetwork(TokenNetwork):
-    """Network of ``objects``, with one token per object.
+    """Network of the ``objects`` family, with one token per object.
 
-    There is no position encoding, so the order of objects does not matter.
+    Objects have no position encoding, so their order does not matter.
     """
 
     position_mean: Tensor
     position_scale: Tensor
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the object encoder."""
+        """Create the encoder of objects."""
         _, categories, colors = vocabulary.sizes()
         self.objects = nn.ModuleDict(
             {
@@ -422,7 +427,7 @@ class ObjectsNetwork(TokenNetwork):
         self.keep_scale("position", 3)
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per object, and the mask of existing objects."""
+        """Return one token per object, and a mask that is True for objects that exist."""
         del words, told, which
         if not isinstance(shown, ObjectsBatch):
             raise TypeError("ObjectsNetwork needs an ObjectsBatch")
@@ -430,7 +435,7 @@ class ObjectsNetwork(TokenNetwork):
         return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
 
     def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
-        """Return pose and size of each object and, if the tool state is given, the position relative to the tool."""
+        """Return pose and size of each object. If tool states are given, the position relative to the tool is added."""
         positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
         numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
         if self.given:

@@ -1,4 +1,4 @@
-"""Construction of a recipe's network, for any family."""
+"""Creation of the network that a recipe describes, for any family."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _OWN: dict[str, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": Pi
 
 
 def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
-    """Return the network of a recipe, with random weights from torch's own generator.
+    """Create the network of a recipe, with random weights drawn from torch's own random generator.
 
     Raises:
-        InvalidInputError: If a user's file fails to make the network.
+        InvalidInputError: If a user's file cannot create a usable network.
     """
     network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
     where = f"learner {recipe.family!r}"
@@ -43,5 +43,7 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
             )
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)
     if missing is not None:
-        raise InvalidInputError(where, f"its network has no part {missing!r}", "Correct its parts, or the recipe")
+        raise InvalidInputError(
+            where, f"its network has no part {missing!r}, which the recipe freezes", "Correct its parts, or the recipe"
+        )
     return network

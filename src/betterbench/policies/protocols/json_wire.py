@@ -1,8 +1,8 @@
-"""Encoding of ``POST /act`` bodies: JSON with arrays in json-numpy format.
+"""Encoding of the bodies of ``POST /act``: JSON with arrays in the format of json-numpy.
 
-An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
-string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`.
-Any bytes give a value or a :class:`PolicyError`.
+An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body contains that map, or a
+string with the JSON text of the map. Bodies are not trusted, like the messages in
+:mod:`betterbench.policies.protocols.wire`: decoding any bytes gives a value or a :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -18,19 +18,22 @@ from betterbench.json_form import unique_keys
 from betterbench.policies.protocols.wire import MAX_DEPTH, is_image, png_of, read_array, require_depth
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
-"""Largest accepted body [byte]: empty lists take 20 times as much in memory, and 100 actions about 15 kB."""
+"""Size of the largest body that is accepted [bytes].
+
+100 actions take about 15 kB. The limit is low because empty lists take 20 times as much memory as they have bytes.
+"""
 
 ArrayCoding = Literal["map", "text", "png"]
-"""Encoding of arrays in a body: as a map (OpenVLA), as a string with the map's JSON (X-VLA), or as a list of numbers,
-with images as base64-encoded PNG files (Dexbotic).
+"""Encoding of arrays in a body: "map" for a map (OpenVLA), "text" for a string with the JSON text of the map (X-VLA),
+"png" for a list of numbers, and for images a base64-encoded PNG file (Dexbotic).
 """
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
-    """Encode a value made of maps, lists, strings, numbers, None and NumPy number arrays as a body.
+    """Encode a value as a body. It may consist of maps, lists, strings, numbers, None and NumPy arrays of numbers.
 
-    With ``encoded``, the body is a map with the single key ``encoded`` and the JSON as a string. Some servers need this
-    for arrays. Raises InvalidInputError for values of other types.
+    If ``encoded`` is True, the body is a map with the single key ``encoded``, whose value is the JSON text of the
+    value. Some servers need this to accept arrays. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:
@@ -54,9 +57,11 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Decode a body to a value with read-only arrays. A string with the JSON of such a value is decoded too.
+    """Decode a body to a value whose arrays are read-only.
 
-    Raises PolicyError if it is malformed, too deep, or larger than ``MAX_BODY_BYTES``.
+    A string that contains the JSON text of a value is decoded too.
+
+    Raises PolicyError if the body is malformed, nested too deeply, or larger than ``MAX_BODY_BYTES``.
     """
     try:
         if len(data) > MAX_BODY_BYTES:
