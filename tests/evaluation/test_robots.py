@@ -71,7 +71,7 @@ def test_a_served_expert_answers_in_the_robots_usual_action_space(name):
 def test_a_client_with_another_robot_is_told_both():
     scene, observer = client("panda", "ee_delta")
     with pytest.raises(
-        InvalidInputError, match="the client's robot has 7 joints, the served SO-101 follower arm has 5"
+        InvalidInputError, match="the client's robot has 7 joints, but the served SO-101 follower arm has 5"
     ):
         ShadowSimulation("expert", TRIAL, robot="so101").actions(0, 1, seen=observer.observe(scene, scene.reset()))
     observer.close()

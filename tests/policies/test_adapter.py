@@ -425,7 +425,7 @@ def test_chunks_of_different_lengths_are_refused():
 
 
 def test_a_reply_that_is_no_map_is_refused():
-    with pytest.raises(PolicyError, match="expected a map with actions as reply, got list"):
+    with pytest.raises(PolicyError, match="expected a map with actions as the reply, got list"):
         OPENPI_LIBERO.actions([1], seen())
 
 
@@ -476,7 +476,7 @@ def test_malformed_changes_are_one_clear_line():
         ("preset=openpi_droid&units=physical", "units has no effect for joint_delta"),
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
         ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid does not contain the end-effector position"),
-        ("preset=native&ee_offset=1,2,3", "the native layout uses the frame of the robot's base"),
+        ("preset=native&ee_offset=1,2,3", "the native layout uses the robot's base frame"),
     ]:
         with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
             parse(query)

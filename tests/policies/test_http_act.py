@@ -266,7 +266,7 @@ def test_trials_are_evaluated(tmp_path):
 @pytest.mark.parametrize(
     ("reply", "text"),
     [
-        (b'"error"', "replies 'error', the answer of these servers to any failure"),
+        (b'"error"', "replies 'error', which is the answer of these servers to any failure"),
         (b'{"error": "Request failed"}', "reports an error: Request failed"),
         (b"", "cannot be read"),
         (b"<html>", "cannot be read"),

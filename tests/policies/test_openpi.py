@@ -393,7 +393,7 @@ def test_a_bare_array_is_continued_too(observation):
 
 
 def test_several_arrays_are_not_continued():
-    with pytest.raises(InvalidInputError, match=r"delay needs a single action array, .* Leave out delay"):
+    with pytest.raises(InvalidInputError, match=r"delay needs a single action array, .* Omit delay"):
         make_policy("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
 
 

@@ -640,7 +640,8 @@ def test_an_extra_that_this_release_lacks_is_not_advised(act, tmp_path, monkeypa
     monkeypatch.setitem(lerobot_types.POLICY_TYPES, "pi0", lerobot_types.Needs("pi", ("no_such_module",)))
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text('{"type": "pi0"}'))
     with pytest.raises(
-        MissingDependencyError, match=r"LeRobot 0\.4\.4 has no extra for it: install lerobot\[pi\] of LeRobot 0\.6"
+        MissingDependencyError,
+        match=r"LeRobot 0\.4\.4 has no extra for this policy type\. Install lerobot\[pi\] of LeRobot 0\.6",
     ):
         make_policy(f"lerobot:{folder}")
 

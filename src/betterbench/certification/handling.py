@@ -185,7 +185,7 @@ class Handling:
             self._settle(state)
 
     def finish(self) -> tuple[Primitive, ...]:
-        """Return all motion primitives of the episode, sorted by the time at which they began, with slides at the end."""
+        """Return all motion primitives of the episode, sorted by the time at which they began. Slides come last."""
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())

@@ -103,7 +103,7 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
     reach. Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:
-        problem = f"{task.id} is already made for robot {spec.name!r}"
+        problem = f"{task.id} is already laid out for robot {spec.name!r}"
         raise InvalidInputError("--robot", problem, "Give another robot, or use the original task")
     form = task_to_json(task)  # includes the slots that operations add
     slots = np.array([(slot["x"], slot["y"]) for slot in form["slots"]])

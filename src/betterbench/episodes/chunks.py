@@ -118,7 +118,7 @@ class Chunks:
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Store the duration [s] of a step in a scene that renders during steps, and whether this step rendered images."""
+        """Store the duration [s] of a step in a scene that renders during steps, and whether this step rendered."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:

@@ -100,6 +100,6 @@ def _robot_of(conditions: str | None) -> str:
     if len(set(robots.values())) > 1:
         listed = ", ".join(f"{task}: {robot}" for task, robot in robots.items())
         raise InvalidInputError(
-            "--env.task", f"its tasks are made for several robots ({listed})", "Evaluate one robot at a time"
+            "--env.task", f"its tasks are laid out for several robots ({listed})", "Evaluate one robot at a time"
         )
     return next(iter(robots.values()))

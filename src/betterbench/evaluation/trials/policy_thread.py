@@ -92,7 +92,10 @@ class PolicyThread:
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Tell a policy that has its own process to use a new process for the next episode, since a trial has failed."""
+        """Use a new process for the next episode, since a trial has failed.
+
+        Only a policy with its own process is affected.
+        """
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
@@ -156,7 +159,7 @@ def shared_cost_s(policy: object) -> float:
 
 def no_answer(limit_s: float) -> PolicyError:
     """Create the error for a policy that has missed its deadline ``limit_s`` [s]."""
-    return PolicyError(f"the policy did not answer within {limit_s:g} s. Increase --policy-timeout.")
+    return PolicyError(f"the policy did not answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
