@@ -803,8 +803,8 @@ def test_a_server_that_ignores_the_rest_is_told_once(client, caplog, keeps, told
         ("rtc_overlap_steps=2&rtc_frozen_steps=3", "3 frozen steps do not fit into an overlap of 2"),
         ("rtc_overlap_steps=2&horizon=8&ahead=3", "3 frozen steps do not fit into an overlap of 2"),
         ("rtc_overlap_steps=2.5", "must be a whole number"),
-        ("rtc_overlap_steps=2&layout=flat", "layout=flat has no entry for a chunk"),
-        ("rtc_overlap_steps=2&ensemble=0.01", "chunks cannot be averaged"),
+        ("rtc_overlap_steps=2&layout=flat", "layout=flat have no entry for the previous chunk"),
+        ("rtc_overlap_steps=2&ensemble=0.01", "chunks cannot be continued and averaged"),
     ],
 )
 def test_what_cannot_be_continued_is_refused(client, options, text):

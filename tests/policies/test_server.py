@@ -271,7 +271,7 @@ def test_the_client_that_is_silent_longest_is_let_go_when_another_one_waits():
             silent.recv(timeout=PATIENCE_S)
         assert gone.value.rcvd is not None
         assert gone.value.rcvd.code == 1001
-        assert "while others wait" in gone.value.rcvd.reason
+        assert "while others were waiting" in gone.value.rcvd.reason
 
 
 def test_silent_clients_keep_their_slots_while_there_are_others():

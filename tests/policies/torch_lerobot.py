@@ -429,7 +429,7 @@ def claims(**fields):
             claims(dim_model=2, dim_feedforward=1, n_encoder_layers=10**9),
             "a network with more than 100,000 weight tensors",
         ),
-        (claims(chunk_size=10**9), "chunk_size of its config.json is 1000000000, expected at most 4096"),
+        (claims(chunk_size=10**9), "chunk_size in its config.json is 1000000000, but at most 4096 is supported"),
     ],
 )
 def test_a_broken_checkpoint_is_one_clear_line(act, tmp_path, change, text):

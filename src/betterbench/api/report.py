@@ -238,7 +238,10 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
         if varied or not recorded:
             say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
         else:
-            say(f"No films: only variation trials are filmed, and these {plural(recorded, 'record')} are of training.")
+            say(
+                f"No films: only trials of variations are filmed, but these {plural(recorded, 'record')} belong to "
+                "training."
+            )
         return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(

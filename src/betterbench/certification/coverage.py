@@ -147,9 +147,11 @@ class Coverage:
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None
         if self.versions.suite != suite:
-            stale = f"the certificate was made for suite version {self.versions.suite}, the installed one is {suite}"
+            stale = (
+                f"the certificate was made for suite version {self.versions.suite}, but version {suite} is installed"
+            )
         elif _minor(self.versions.engine) != _minor(engine):
-            stale = f"the certificate was made with MuJoCo {self.versions.engine}, the installed one is {engine}"
+            stale = f"the certificate was made with MuJoCo {self.versions.engine}, but MuJoCo {engine} is installed"
         elif self.versions.looks != looks:
             stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} looks"
         elif self.versions.robot != robot:
@@ -161,8 +163,7 @@ class Coverage:
                 return Gap(trial, stale)
             if made_for is not None and made_for != here:
                 reason = (
-                    f"the certificate was made for version {made_for} of {trial.task}, the installed one is version "
-                    f"{here}"
+                    f"the certificate was made for version {made_for} of {trial.task}, but version {here} is installed"
                 )
                 return Gap(trial, reason)
             if trial.seed not in seeds.get(name, ()):

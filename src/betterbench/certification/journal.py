@@ -115,7 +115,8 @@ class VersionedJournal(LineJournal):
         for name, value in asdict(replace(self._header, version=found.version)).items():
             if (there := getattr(found, name)) != value:
                 raise RunConflictError(
-                    f"{self._path}: started with {name} {one_line(there, most=80)}, but {value} is in use now. {cure}."
+                    f"{self._path}: the journal was started with {name} {one_line(there, most=80)}, but "
+                    f"{value} is in use now. {cure}."
                 )
 
 

@@ -133,7 +133,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         try:
             answers = list(self._answer([t.question for t in waiting]))
             if len(answers) != len(waiting):
-                raise ValueError(f"the policy gave {len(answers)} answers to {len(waiting)} observations")  # noqa: TRY301
+                raise ValueError(f"the policy returned {len(answers)} answers to {len(waiting)} observations")  # noqa: TRY301
         except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread that asked
             if len(waiting) > 1:
                 for pending in waiting:

@@ -271,7 +271,7 @@ def _ask_often(
             raise InvalidInputError(
                 "ahead",
                 f"the next chunk is requested {ahead} steps before the end, but a chunk has {len(chunk)} actions",
-                "Give a smaller ahead=",
+                "Reduce the option ahead",
             )
     return chunks[0], times[0], tuple(times[1:])
 

@@ -228,7 +228,9 @@ class RayPool:
         if other:
             there = ", ".join(f"{name} {value} (here {here[name]})" for name, value in sorted(other.items()))
             raise InvalidInputError(
-                "--engine ray", f"a machine of the cluster has {there}", "Install the same versions everywhere"
+                "--engine ray",
+                f"a machine of the cluster has other versions than this machine: {there}",
+                "Install the same versions on all machines",
             )
         if "problem" in versions:
             raise WorkerError(f"A worker on the cluster cannot start: {versions['problem']}")

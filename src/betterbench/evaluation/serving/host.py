@@ -135,8 +135,8 @@ class Host:
         if isinstance(message, tuple):
             return message
         raise message or PolicyError(
-            f"{self._policy}: its process ended while loading; see its output above. "
-            "With --workers 1, this process loads the policy."
+            f"{self._policy}: its process ended while loading; see its output above. Run the same command with "
+            "--workers 1 to load the policy in this process."
         )
 
     def _end(self) -> None:

@@ -89,7 +89,9 @@ def open_server(
     needs = kind.needs_of(policy)
     if needs.trial:
         raise InvalidInputError(
-            f"policy {policy}", "a replay policy belongs to one trial, so it cannot be served", "Evaluate it directly"
+            f"policy {policy}",
+            "a replay policy belongs to one trial, so it cannot be served",
+            "Evaluate it with better eval",
         )
     if trial is not None:
         from betterbench.tasks.interventions import resolve_condition  # noqa: PLC0415 - a run's host needs no tasks

@@ -190,9 +190,9 @@ class ShadowSimulation:
             return
         tool = float(np.linalg.norm(seen.ee_position - here.ee_position))
         raise PolicyError(
-            f"{self.trial} step {step}: the client's robot is not where the answered actions lead (the joints differ "
-            f"by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} m). The client "
-            "executed actions that were not in the answers, or runs another version or on another kind of CPU"
+            f"{self.trial} step {step}: the client's robot is not where the returned actions lead (the joints "
+            f"differ by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} "
+            "m). The client executed other actions, or it has another version or another kind of CPU"
         )
 
 

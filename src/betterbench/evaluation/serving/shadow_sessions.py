@@ -115,9 +115,9 @@ class ShadowSession:
             return self._chunk_began
         if min(gaps) > ASTRAY:
             raise PolicyError(
-                f"{shadow.trial} step {step}: the client's robot is not where the answered actions lead (its state "
-                f"differs by {min(gaps):.3g} m or rad). The client executed actions that were not in the answers, or "
-                "sends another robot's state; a client without a state must send zeros"
+                f"{shadow.trial} step {step}: the client's robot is not where the returned actions lead (its "
+                f"state differs by {min(gaps):.3g} m or rad). The client executed other actions, or sends the "
+                "state of another robot; a client without a state must send zeros"
             )
         return step
 

@@ -325,7 +325,7 @@ class Worker:
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
-                "the policy accepts no further connection (%s); this worker continues with its existing ones",
+                "the policy accepts no further connection (%s); this worker continues with its existing connections",
                 one_line(str(outcome)),
             )
             self._slots.remove(slot)

@@ -76,8 +76,8 @@ class Features:
             else:
                 raise InvalidInputError(
                     where,
-                    f"its input {one_line(repr(key), most=100)} is {one_line(kind, most=40)} of shape "
-                    f"{one_line(shape, most=100)}, which observations do not contain",
+                    f"its input {one_line(repr(key), most=100)} has the type {one_line(kind, most=40)} and the "
+                    f"shape {one_line(shape, most=100)}, but observations contain no such input",
                     "Train it on images (3, height, width), observation.state and the instruction",
                 )
         outputs = dict(config.output_features or {})
@@ -86,7 +86,7 @@ class Features:
             raise InvalidInputError(
                 where,
                 f"its outputs are {one_line(sorted(outputs), most=200)} instead of one action vector",
-                "Train it on 'action'",
+                "Give a policy whose only output is 'action'",
             )
         return cls(images, states, int(shape[0]))
 
@@ -335,7 +335,7 @@ def _check_form(file: Path, where: str) -> None:
         raise InvalidInputError(
             where,
             f"{file.name} has no policy type, so this is not a LeRobot checkpoint",
-            "Give another folder",
+            "Give the folder of a LeRobot checkpoint",
         )
 
 

@@ -63,7 +63,9 @@ def _require_known(name: str, value: object, place: str, where: str) -> None:
     if known is not None and value is not None and value != known:
         shown = one_line(repr(value), most=80)
         raise InvalidInputError(
-            where, f"{place} is {shown} instead of {known!r}, so loading it would run code from there", _CURE
+            where,
+            f"{place} is {shown} instead of {known!r}, so loading the checkpoint would run code from that repository",
+            _CURE,
         )
 
 

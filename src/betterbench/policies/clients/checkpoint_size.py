@@ -38,7 +38,7 @@ def require_short_horizons(config: object, where: str) -> None:
         if isinstance(value, int | float) and value > _MOST_STEPS:
             raise InvalidInputError(
                 where,
-                f"{name} of its config.json is {one_line(value, most=40)}, expected at most {_MOST_STEPS}",
+                f"{name} in its config.json is {one_line(value, most=40)}, but at most {_MOST_STEPS} is supported",
                 "Correct config.json, or save the checkpoint again",
             )
 

@@ -188,9 +188,7 @@ class PolicyConnection(Generic[Connection]):
                 logger.warning("%s: request failed (%s)", self._where, reason)
                 if attempt == self._limits.retries:
                     times = f"{attempt + 1} times" if attempt else "once"
-                    raise PolicyError(
-                        f"{self._where} failed to answer {times}. The last attempt failed for this reason: {reason}."
-                    ) from problem
+                    raise PolicyError(f"{self._where} failed to answer {times}. Last reason: {reason}.") from problem
                 self._counts["retries"] += 1
                 self._pause(attempt, LONGEST_PAUSE_S)
             else:

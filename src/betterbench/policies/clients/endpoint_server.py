@@ -45,7 +45,11 @@ class EndpointServer:
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
-            hint = "" if "nauthorized" not in str(error) else " Give api_key_env=NAME with the variable of its token."
+            hint = (
+                ""
+                if "nauthorized" not in str(error)
+                else (" Give api_key_env=NAME with the environment variable that contains the server's token.")
+            )
             raise HandshakeError(f"{error}{hint}") from error
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
@@ -74,7 +78,7 @@ class EndpointServer:
         answer = self._client.ask(self._encode(question), max(0.0, timeout_s))
         self._check_frame(answer, endpoint)
         if answer == ERROR_REPLY:
-            raise PolicyError(f"{self._where} reports an error for {endpoint} without a message. See its log.")
+            raise PolicyError(f"{self._where} reports an error for {endpoint} without a message. See the server's log.")
         reply = (
             read_declared(self._where, answer, lambda given: self._decode(given, endpoint))
             if declares

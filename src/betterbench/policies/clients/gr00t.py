@@ -242,7 +242,7 @@ class Gr00tHistoryClient(Gr00tClient):
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
             raise address.error(
-                "the server needs several time steps, so chunks cannot be requested ahead of time",
+                "the server needs observations of several time steps, so chunks cannot be requested ahead of time",
                 "Omit the options ahead and ensemble",
             )
         self._horizon = self.info.execution.horizon
@@ -335,9 +335,17 @@ class Gr00tOverlapClient(Gr00tClient):
 
     def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
-        wrong = "chunks cannot be averaged" if self.info.execution.ensemble is not None else ""
-        wrong = f"layout={self._layout} has no entry for a chunk" if self._layout != "nested" else wrong
-        wrong = "the server needs several time steps" if self.modalities.remembers else wrong
+        wrong = (
+            ("chunks cannot be continued and averaged at the same time")
+            if self.info.execution.ensemble is not None
+            else ""
+        )
+        wrong = (
+            (f"requests with layout={self._layout} have no entry for the previous chunk")
+            if self._layout != "nested"
+            else wrong
+        )
+        wrong = "the server needs observations of several time steps" if self.modalities.remembers else wrong
         if wrong:
             self.close()
             raise address.error(f"rtc_overlap_steps cannot be used: {wrong}", "Omit rtc_overlap_steps")

@@ -213,7 +213,9 @@ class HttpActClient(ServerClient[HttpServer]):
                 "Give api_key_env=NAME with the environment variable that contains the key."
             )
         if 300 <= status < 400:
-            raise HandshakeError(f"{self._where} redirects (HTTP {status}). Give the final address.")
+            raise HandshakeError(
+                f"{self._where} redirects requests to another address (HTTP {status}). Give that address."
+            )
         if status in _ABSENT:
             older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
             raise HandshakeError(

@@ -136,7 +136,7 @@ class LerobotStepPolicy(AdaptedPolicy):
         given = address.given(EXECUTION)
         if given:
             raise address.error(
-                f"a policy of type {checkpoint.type} gets every observation and executes its own chunks",
+                f"a policy of type {checkpoint.type} gets every observation and executes its chunks itself",
                 f"Omit {', '.join(given)}. The checkpoint's n_action_steps sets the horizon",
             )
         self._inner = LerobotPolicy(address, checkpoint)
@@ -190,7 +190,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
             raise InvalidInputError(
                 where,
                 f"its {one_line(key, most=100)} has {size} numbers, but the known state layout has {rule.size}",
-                "Give adapter=FILE with the parts of the state",
+                "Give adapter=FILE, where FILE describes the parts of the state",
             )
         states.append(rule)
     views = tuple(
@@ -203,7 +203,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         raise InvalidInputError(
             where,
             f"the camera {min(shared)} would be used for several inputs: {one_line(keys)}",
-            "Give camera.KEY=NAME for each",
+            "Give camera.KEY=NAME for each of these inputs",
         )
     return Adapter(
         "lerobot",
@@ -294,6 +294,6 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
             f"the meaning of the {features.action} numbers of its actions is unknown",
             f"Add action_space=NAME ({sized}), or adapter=FILE"
             if sized
-            else "Give adapter=FILE with the parts of the answer",
+            else "Give adapter=FILE, where FILE describes the parts of the answer",
         )
     return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ class RequestClient:
                 # one.
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
-                    raise ConnectionError("it sent an unexpected answer")
+                    raise ConnectionError("the server sent an unexpected answer")
                 self._socket.send_multipart([b"", frame])
                 self._wait(deadline, timeout_s)
                 empty, *parts = self._socket.recv_multipart()

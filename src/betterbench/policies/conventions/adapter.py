@@ -176,11 +176,13 @@ class Adapter:
                 )
         for name in ("gripper_opening_m", "control_rate_hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
-                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give a number above 0")
+                raise InvalidInputError(
+                    f"adapter {self.name}: {name}", "the value is out of range", "Give a number above 0"
+                )
         for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
             if not all(abs(v) < 100.0 for v in offset):
                 raise InvalidInputError(
-                    f"adapter {self.name}: {name}", "it is out of range", "Give the offset in meters"
+                    f"adapter {self.name}: {name}", "the value is out of range", "Give the offset in meters"
                 )
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(

@@ -166,12 +166,12 @@ def read_execution(who: str, form: object) -> Execution | None:
     given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
     if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
-            f"{who}: its declared execution of chunks cannot be read. Install the same release on both sides."
+            f"{who}: its declaration of how chunks are executed cannot be read. Install the same release on both sides."
         )
     try:
         return Execution(**given)
     except InvalidInputError as error:
-        raise HandshakeError(f"{who} declares an impossible execution of chunks ({error})") from error
+        raise HandshakeError(f"{who} declares an impossible way of executing chunks ({error})") from error
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
@@ -189,7 +189,8 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
         require_depth(value, MAX_DECLARED_DEPTH)
     except ValueError as error:
         raise HandshakeError(
-            f"{who}: its declaration cannot be read: {error}. The server should declare flat maps."
+            f"{who}: its declaration cannot be read: {error}. The server should declare maps that are not "
+            "deeply nested."
         ) from error
     return value
 
@@ -219,7 +220,7 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
         for key, wanted in (theirs.cameras or {}).items():
             if key not in given:
                 there = ", ".join(given) or "no images"
-                found.append(f"{_camera(key)}: {theirs.who} needs it, {ours.who} gives {there}")
+                found.append(f"{_camera(key)}: {theirs.who} needs this image, but {ours.who} provides {there}")
             elif wanted is not None and given[key] not in (None, wanted):
                 found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
     if found:

@@ -66,7 +66,7 @@ class ImageRule:
                 where, f"keep = {self.keep:g} is out of range", "Give a number above 0 and at most 1"
             )
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
-            raise InvalidInputError(where, "all cameras would have the same key", "Use {camera} in the key")
+            raise InvalidInputError(where, "all cameras would have the same key", "Include {camera} in the key")
 
     def named(self, camera: str) -> tuple[str, ...]:
         """Return the path of one camera's image in the request."""

@@ -489,7 +489,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
-        raise InvalidInputError(where, "the address has both a preset and an adapter", "Give one of them")
+        raise InvalidInputError(where, "the address has both a preset and an adapter", "Give only one of them")
     named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))

@@ -92,7 +92,7 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
             instruction = instruction[0]
     if not isinstance(instruction, str) or not instruction.strip():
         where = "/".join(layout.instruction.key)
-        raise InvalidInputError(where, "the instruction is missing", f"Send it as in preset {layout.name}")
+        raise InvalidInputError(where, "the instruction is missing", f"Send it as preset {layout.name} describes")
     step = _whole(message["better/step"], "better/step") if "better/step" in message else None
     return Request(layout.instruction.read(instruction), step, None, None, None, measured=False)
 
@@ -153,7 +153,7 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
     joints, speeds = (len(numbers[f"joint_{name}"]) for name in ("positions", "velocities"))
     if joints != speeds:
         problem = f"expected {joints} numbers, one per joint position, got {speeds}"
-        raise InvalidInputError("better/joint_velocities", problem, "Send one number per joint in both")
+        raise InvalidInputError("better/joint_velocities", problem, "Send one position and one velocity per joint")
     if np.signbit(numbers["ee_quaternion"][0]):
         numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in all observations
     return Observation(
@@ -216,7 +216,7 @@ def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
         raise InvalidInputError(where, f"expected {wanted}", f"Send a float array of shape ({shape},)")
     if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
         problem = f"the value {array[np.abs(array).argmax()]:g} is out of range"
-        raise InvalidInputError(where, problem, "Send meters and radians")
+        raise InvalidInputError(where, problem, "Send values in meters and radians")
     return array
 
 

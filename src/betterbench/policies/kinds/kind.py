@@ -273,7 +273,7 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     kind = kind_of(address)
     read = kind.parse(address, world=world)
     if kind.make is None:
-        raise read.error("this policy can only be created for the scene of one episode", "Evaluate it directly")
+        raise read.error("this policy can only be created for the scene of one episode", "Evaluate it with better eval")
     return kind.make(read)
 
 

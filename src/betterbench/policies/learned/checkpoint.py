@@ -168,7 +168,7 @@ def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
     if there != wanted:
         names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
         problem = f"its weights do not match its recipe ({names[0]} differs)"
-        raise InvalidInputError(where, problem, "Give the recipe and the data that it was trained with")
+        raise InvalidInputError(where, problem, "Use the recipe and the data with which it was trained")
 
 
 def _trained(about: Mapping[str, Any], where: str) -> Trained:

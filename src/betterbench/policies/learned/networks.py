@@ -44,6 +44,8 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)
     if missing is not None:
         raise InvalidInputError(
-            where, f"its network has no part {missing!r}, which the recipe freezes", "Correct its parts, or the recipe"
+            where,
+            f"its network has no part {missing!r}, which the recipe freezes",
+            "Correct the parts of the network, or the recipe",
         )
     return network

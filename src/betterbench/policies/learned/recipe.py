@@ -246,7 +246,8 @@ class TrainingRecipe:
             raise InvalidInputError("frozen", "all parts are frozen", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
             problem = (
-                f"a share of {self.co_training.weight} of a batch of {self.batch} samples is less than one question"
+                f"a weight of {self.co_training.weight} and a batch of {self.batch} samples give less than one "
+                "question per step"
             )
             raise InvalidInputError("co_training.weight", problem, "Increase the weight or batch, or omit co_training")
         if self.sees == "pixels" and self.history > 1:
@@ -339,7 +340,7 @@ def require_asked(stride: int, execute: int, field_name: str) -> None:
     """Raise InvalidInputError if the history stride of a ``pixels`` learner is not a multiple of ``execute``."""
     if stride % execute:
         problem = f"{stride} is not a multiple of execute ({execute}), which a pixels learner requires"
-        raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
+        raise InvalidInputError(field_name, problem, "Give a multiple of execute, or set history to 1")
 
 
 _FORM = TypeAdapter(TrainingRecipe)

@@ -175,7 +175,7 @@ class PolicyProcess:
             try:
                 answer, arrays = running.call(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
-                    raise PolicyError(f"got {len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
+                    raise PolicyError(f"got {len(arrays)} arrays instead of {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
                 status, self._running = running.finish(), None
                 if isinstance(error, PolicyError):

@@ -108,7 +108,7 @@ class WebSocket:
             self.receive(0.0)
         except TimeoutError:
             return
-        raise ConnectionError("it sent an unexpected answer")
+        raise ConnectionError("the server sent an unexpected answer")
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:

@@ -195,7 +195,7 @@ class PolicyServer:
                 return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server requires an Api-Key.\n")
         if self._full() and not self._room_made():
             return connection.respond(
-                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has reached its maximum of clients.\n"
+                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has reached its maximum number of clients.\n"
             )
         return None
 
@@ -225,9 +225,12 @@ class PolicyServer:
             # Removing the entry prevents other new clients from closing the connection again. It also ends the
             # connection's thread, which a frame may have woken up.
             del self._silent_since[longest]
-        logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
+        logger.info(
+            "%s is disconnected, because it was silent for too long while others are waiting",
+            _name_of(longest.remote_address),
+        )
         # This is done in a thread, because closing waits for a client that may not respond.
-        closing = (_AWAY_CODE, "This client was silent for too long while others wait.")
+        closing = (_AWAY_CODE, "This client was silent for too long while others were waiting.")
         threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
         return True
 
@@ -247,7 +250,7 @@ class PolicyServer:
         timing: dict[str, float] = {}
         try:
             if self._full(0):
-                connection.close(_FULL_CODE, "This server has reached its maximum of clients.")
+                connection.close(_FULL_CODE, "This server has reached its maximum number of clients.")
                 return
             connection.send(self._greeting)
             while (frame := self._next_frame(connection)) is not None:

@@ -91,7 +91,7 @@ def _read(form: dict[Any, Any]) -> object:
     if b"__ndarray__" in form:
         dtype = np.dtype(form[b"dtype"])
         if dtype.kind not in "biufSU":
-            raise ValueError(f"an array of {dtype} is not supported")
+            raise ValueError(f"arrays of type {dtype} are not supported")
         return np.frombuffer(form[b"data"], dtype).reshape(form[b"shape"]).copy()
     if b"__npgeneric__" in form:
         return np.dtype(form[b"dtype"]).type(form[b"data"])
