@@ -290,7 +290,10 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the part of a twin film that shows one trial."""
+    """Return the part of a film that shows one trial.
+
+    The other part, if there is one, shows the training twin: the training trial with the same seed.
+    """
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
 
@@ -302,7 +305,7 @@ def _paths(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, bytes]:
-    """Return each trial's initial image with the gripper's path, and that of its training twin if it is recorded."""
+    """Return each trial's initial image with the gripper's path, also for training twins (trials with the same seed)."""
     if not failed:
         return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
@@ -326,7 +329,7 @@ def _thumbnails(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, Thumbnails]:
-    """Render the missing images of variations' scenes. Each shows a trial and its training twin after the reset."""
+    """Render the missing images of variations' scenes. Each shows a trial and the training trial with the same seed."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

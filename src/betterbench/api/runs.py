@@ -49,8 +49,8 @@ def evaluate(
     """Evaluate a policy, as ``better eval`` does, and return the run. The same call resumes an unfinished run.
 
     Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get as
-    many trials as the variations do, among them the counterfactual twins. Suites of LIBERO and CALVIN are evaluated
-    with the command ``better eval``.
+    many trials as the variations do, among them the counterfactual twins (training trials with the same seeds). Suites
+    of LIBERO and CALVIN are evaluated with the command ``better eval``.
 
     Args:
         policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy"; see

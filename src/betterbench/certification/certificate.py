@@ -157,12 +157,15 @@ class Certificate:
 
     @property
     def ambiguous(self) -> tuple[TrialCertificate, ...]:
-        """Trials in which the instruction's premise is broken. They have no right or wrong outcome."""
+        """Trials whose instruction assumes something false about the scene. They have no right or wrong outcome."""
         return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
 
     @property
     def solved(self) -> Rate:
-        """Fraction of the trials solved by the expert. Ambiguous trials do not count."""
+        """Fraction of the trials that the expert solved.
+
+        Ambiguous trials, which have no right outcome, do not count.
+        """
         rest = [t for t in self.trials if not _is_ambiguous(t.task, t.condition)]
         return Rate(sum(t.clauses["a"].passed for t in rest), len(rest))
 
@@ -207,7 +210,10 @@ _CERTIFICATE = TypeAdapter(Certificate)
 
 @functools.cache
 def _is_ambiguous(task: str, condition: str) -> bool:
-    """Return whether the premise of a condition is broken. Returns False for an unknown condition."""
+    """Return whether the instruction of a condition assumes something false about the scene.
+
+    False for unknown conditions.
+    """
     try:
         return resolve_condition(task, condition).condition.expected is Expected.AMBIGUOUS
     except UnknownNameError:

@@ -110,7 +110,7 @@ class Coverage:
             now = replace(current, tasks={name: number})
             if then != now:
                 problem = f"{name} was certified with {then.words}, but the versions in use are {now.words}"
-                raise InvalidInputError("certificate", problem, "Certify this task again as well")
+                raise InvalidInputError("certificate", problem, "Certify this task again, too")
         kept = {name: seeds for name, seeds in self.conditions.items() if name.partition("/")[0] in current.tasks}
         return Coverage(current, kept)
 

@@ -49,7 +49,10 @@ Assets at rest penetrate by less than 0.5 mm.
 
 @dataclass(frozen=True, slots=True)
 class InitialRest:
-    """Result of clause (c), with the largest penetration and the largest motion in the initial state [mm]."""
+    """Result of clause (c) of a certificate, which requires that the initial state is at rest.
+
+    It includes the largest penetration and the largest motion of an object [mm].
+    """
 
     clause: Clause
     penetration_mm: float
@@ -58,7 +61,9 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Result of clause (a), and the result for every motion primitive in the expert's episode."""
+    """Result of clause (a) of a certificate (the expert solves the trial), and of every motion primitive in the
+    episode.
+    """
 
     clause: Clause
     steps: int
@@ -123,7 +128,7 @@ def examine_condition(
 
 
 def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
-    """Check clause (c), that all objects are at rest, by running a few control steps in which the arm does not move."""
+    """Check clause (c) of a certificate (objects are at rest) by running control steps in which the arm does not move."""
     before = scene.reset(check_premise=False)
     span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)
@@ -220,7 +225,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return the result of clause (d): a grasp of each object can be planned, or the expert succeeds anyway."""
+    """Return the result of clause (d) of a certificate: a grasp of each object can be planned, or the expert succeeds."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}

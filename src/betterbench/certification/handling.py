@@ -27,9 +27,9 @@ LONGEST_CHAIN = 8
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Pick of an object.
+    """Pick of an object, found in an episode.
 
-    ``pose`` is the last ``T_world_object`` in which it was at rest before the gripper touched it.
+    ``pose`` is the last pose ``T_world_object`` in which the object was at rest before the gripper touched it.
     """
 
     object: str
@@ -51,7 +51,7 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Put of an object, with the target and the slot below the target.
+    """Put of an object, found in an episode, with the target and the slot below the target.
 
     Attributes:
         kind: Kind of the object.

@@ -129,8 +129,7 @@ class AddressForm:
 
         Args:
             text: Address.
-            world: Simulated world whose conventions the policy uses, such as "libero". Empty for betterbench's own
-                scenes.
+            world: Benchmark whose conventions the policy uses, such as "libero". Empty for betterbench's own scenes.
 
         Raises:
             UnknownNameError: If the address has an option that the policy kind does not know.
@@ -179,9 +178,9 @@ class AddressForm:
 class PolicyAddress:
     """Parsed policy address, with the target of the policy (such as "localhost:8000") and the options.
 
-    The options have been checked by :meth:`AddressForm.read`. ``world`` is the simulated world whose conventions the
-    policy uses, such as "libero"; it is empty for betterbench's own scenes. In another world, a preset describes the
-    inputs and outputs that policies of that world have.
+    The options have been checked by :meth:`AddressForm.read`. ``world`` is the benchmark whose conventions the policy
+    uses, such as "libero"; it is empty for betterbench's own scenes. In another benchmark, a preset describes the
+    inputs and outputs that policies trained there have.
     """
 
     text: str

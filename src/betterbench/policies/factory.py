@@ -69,8 +69,9 @@ class PolicyFactory:
 
         If ``apart`` is True, a policy written by the user is loaded in a separate process. Loading may take ten times
         the time ``timeout_s`` [s] that one answer may take. ``known`` is what the server declared at the start of the
-        run, or None if the clients themselves compare declarations. ``world`` is the simulated world whose conventions
-        are used with a server (``World.dialect``). ``kind`` is the policy kind; by default, it is that of the address.
+        run, or None if the clients themselves compare declarations. ``world`` names the benchmark whose conventions are
+        used with a server, such as "libero" (``World.dialect``). ``kind`` is the policy kind; by default, it is that of
+        the address.
 
         Raises UnknownNameError if no policy has this address.
         """

@@ -152,7 +152,7 @@ def render_twin_films(
     views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
-    """Return videos that show trials next to their training twins, or videos of single trials.
+    """Return videos that each show a trial, or a trial next to the training trial with the same seed (its twin).
 
     ``views`` provides the rendering processes, as in :func:`render_paths`. Raises the errors of :func:`render_paths`.
     """

@@ -90,9 +90,9 @@ def _head(home: Path) -> str | None:
 
 
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
-    """Return the names of the packages that a package requires.
+    """Return the names of the packages that an installed package requires.
 
-    With ``extras``, all extras but the developer extra count.
+    If ``extras`` is True, optional requirements count too, except those of the developer extra.
     """
     names = []
     for requirement in distribution.requires or ():

@@ -27,7 +27,7 @@ from betterbench.tasks.user_files import loaded_files
 
 
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the manifest of a new run.
+    """Return the manifest of a new run, which describes the circumstances in which the run was started.
 
     ``policy`` is the description of the policy from :func:`describe_policy`. ``engine`` contains "name", "workers",
     "envs" and, if a warm-up determines the number of environments, "most_envs".

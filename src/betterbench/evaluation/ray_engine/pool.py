@@ -76,7 +76,7 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """State of one worker as the pool knows it."""
+    """State of one worker as the pool of workers knows it."""
 
     actor: Any
     calls: deque[Any]  # calls that have not returned, the oldest first
@@ -90,7 +90,7 @@ class _WorkerActor:
 
 
 class RayPool:
-    """Workers of a run on a Ray cluster."""
+    """Pool of the workers that run the trials of a run on a Ray cluster."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
         """Create the pool. The arguments are those of :func:`ray_entries`."""

@@ -219,7 +219,7 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Facts about the policy that are determined before the run."""
+    """Facts about the policy that are determined before the run starts."""
 
     info: PolicyInfo
     envs: int  # default number of environments per worker

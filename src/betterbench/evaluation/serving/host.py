@@ -61,7 +61,7 @@ class Host:
             policy: Address of the policy.
             run: Action space and observation preset of the run, to compare conventions.
             timeout_s: Deadline of one answer of the policy [s].
-            world: Simulated world whose conventions are used with a server, or empty.
+            world: Benchmark whose conventions are used with a server, such as "libero", or empty.
             rate_hz: Control rate of the run [Hz].
         """
         self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world, rate_hz), timeout_s, 0
@@ -161,9 +161,9 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
     """Main function of a host process: serve a policy until the other end of ``pipe`` is closed.
 
-    ``run`` contains the action space, the observation preset, the simulated world whose conventions are used with a
-    server, and the control rate [Hz]. The port 0 stands for any free port. The description of the policy and the port,
-    or an error, are sent to ``pipe``.
+    ``run`` contains the action space, the observation preset, the benchmark whose conventions are used with a server
+    (such as "libero", or empty), and the control rate [Hz]. The port 0 stands for any free port. The description of the
+    policy and the port, or an error, are sent to ``pipe``.
     """
     prepare_process()
     space, observation, world, rate_hz = run

@@ -19,7 +19,7 @@ POLICY_TIMEOUT_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """Deadline of a policy that the run itself serves."""
+    """Deadline for the answers of a policy that the run itself serves."""
 
     limit_s: float
     """Longest time from a request to the reply [s]."""

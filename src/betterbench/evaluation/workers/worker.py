@@ -99,7 +99,7 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """Environment with its trial and its request to the policy."""
+    """Environment of a worker, with the trial that it runs and the pending request to the policy."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None

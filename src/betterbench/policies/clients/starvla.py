@@ -141,9 +141,9 @@ class StarVlaClient(ServerClient[WebSocket]):
         return [{name: array[i] for name, array in arrays.items()} for i in range(count)]
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, and check that the metadata is the same as at the first connection.
+        """Connect, and check that the server sends the same metadata as at the first connection.
 
-        Also called after a server restart.
+        This is also called after the server has restarted.
         """
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)

@@ -16,7 +16,7 @@ class Clumsy(BrokenRule):
 
     @property
     def grasp_offset(self) -> GraspOffset | None:
-        """Grasp error in this episode, or None if the grasp is good."""
+        """Deliberate grasp error in this episode, or None if the grasp is good."""
         if not self.applies:
             return None
         if self.draw("how") < 0.5:

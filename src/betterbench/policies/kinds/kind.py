@@ -157,7 +157,10 @@ class PolicyKind:
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Parse an address of this kind. ``world`` is the simulated world whose conventions are used, or empty.
+        """Parse an address of this kind.
+
+        ``world`` names the benchmark whose conventions are used, such as "libero". It is empty for betterbench's own
+        scenes.
 
         Raises:
             UnknownNameError: If the policy or an option does not exist.
@@ -251,7 +254,10 @@ def needs_of(address: str) -> PolicyNeeds:
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Parse a policy address. ``world`` is the simulated world whose conventions are used, or empty.
+    """Parse a policy address.
+
+    ``world`` names the benchmark whose conventions are used, such as "libero". It is empty for betterbench's own
+    scenes.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -261,7 +267,10 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Create a policy that uses observations. ``world`` is the simulated world whose conventions are used, or empty.
+    """Create a policy that uses observations.
+
+    ``world`` names the benchmark whose conventions are used, such as "libero". It is empty for betterbench's own
+    scenes.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.

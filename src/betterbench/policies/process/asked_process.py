@@ -49,7 +49,7 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         address: Address of the policy.
         link: File descriptor of the socket.
         life: File descriptor of a pipe whose other end is closed when the run ends.
-        world: Simulated world whose conventions are used with a server, or empty.
+        world: Benchmark whose conventions are used with a server, such as "libero", or empty.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):

@@ -87,7 +87,7 @@ class PolicyProcess:
     ) -> None:
         """Start the process, unless one is given, and wait until it has loaded the policy.
 
-        ``world`` is the simulated world whose conventions are used with a server.
+        ``world`` names the benchmark whose conventions are used with a server, such as "libero".
 
         Raises:
             BetterError: If loading the policy raised this error of betterbench.
