@@ -456,7 +456,7 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
 
 def test_malformed_changes_are_one_clear_line():
     for query, text in [
-        ("preset=openpi_libero&size=big", "size=big is not a size"),
+        ("preset=openpi_libero&size=big", "size=big is not an image size"),
         ("preset=openpi_libero&turn=45", "Unknown turn '45'"),
         ("preset=openpi_libero&keep=2", "keep = 2"),
         ("preset=openpi_libero&keep=x", "keep=x must be ≥ 0"),
@@ -577,7 +577,7 @@ def test_every_difference_is_named_in_one_line():
         "rotation: this side says 'rpy', the server says 'axis_angle'",
         "rate hz: this side says 20, the server says 15",
         "camera front: this side says 224 x 224, the server says 256 x 256",
-        "camera top: the server needs it, this side gives front",
+        "camera top: the server needs this image, but this side provides front",
     ):
         assert part in text
     assert "\n" not in text

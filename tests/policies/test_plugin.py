@@ -165,7 +165,10 @@ def test_an_address_passes_arguments(tmp_path):
     assert given("checkpoint=&horizon=0.5&note=null") == ("", 0.5, False, None)
     for wrong, text in (
         ("", "cannot be called without arguments"),
-        ("checkpoint=1&horzon=2", "unexpected keyword argument 'horzon'.*It takes checkpoint, horizon, fast, note"),
+        (
+            "checkpoint=1&horzon=2",
+            "unexpected keyword argument 'horzon'.*It takes these arguments: checkpoint, horizon, fast, note",
+        ),
         ("checkpoint=1&checkpoint=2", "'checkpoint' is given twice"),
         ("checkpoint", "'checkpoint' is not an argument"),
     ):

@@ -240,7 +240,7 @@ def test_an_error_of_the_model_ends_the_trial_and_the_next_one_goes_on():
         (Scripted(action=TWIST, seen={**SEEN, "state": STATE_EEF_POS_QUAT_GRIP}), "state: .*axisangle3.*quat4"),
         (
             Scripted(action=TWIST, seen={"a": IMAGE_RGB, "b": IMAGE_RGB, "c": IMAGE_RGB}),
-            "camera c: .* needs it, this side gives images/agentview, images/wrist",
+            "camera c: .* needs this image, but this side provides images/agentview, images/wrist",
         ),
         (Scripted(params={"absolute_action": True}), "absolute poses"),
     ],

@@ -292,7 +292,7 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
     """Return the part of a film that shows one trial.
 
-    The other part, if there is one, shows the training twin: the training trial with the same seed.
+    If there is another part, it shows the training twin, which is the training trial with the same seed.
     """
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
@@ -305,7 +305,7 @@ def _paths(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, bytes]:
-    """Return each trial's initial image with the gripper's path, also for training twins (trials with the same seed)."""
+    """Return each trial's initial image with the gripper's path, also for training twins (trials of the same seed)."""
     if not failed:
         return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}

@@ -61,9 +61,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Result of clause (a) of a certificate (the expert solves the trial), and of every motion primitive in the
-    episode.
-    """
+    """Result of clause (a) of a certificate, that the expert solves the trial, and of each motion primitive."""
 
     clause: Clause
     steps: int
@@ -128,7 +126,7 @@ def examine_condition(
 
 
 def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
-    """Check clause (c) of a certificate (objects are at rest) by running control steps in which the arm does not move."""
+    """Check clause (c) of a certificate, that objects are at rest, in control steps in which the arm does not move."""
     before = scene.reset(check_premise=False)
     span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)
@@ -225,7 +223,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return the result of clause (d) of a certificate: a grasp of each object can be planned, or the expert succeeds."""
+    """Return the result of clause (d) of a certificate: each object can be grasped, or the expert succeeds anyway."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}

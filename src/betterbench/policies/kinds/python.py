@@ -102,7 +102,7 @@ def _instance(address: str, name: str, made: Callable[..., Policy], arguments: d
         signature.bind(**arguments)
     except (TypeError, ValueError) as error:
         how = "with these arguments" if arguments else "without arguments"
-        cure = f"It takes the arguments {takes}. Write python:…:{name}?key=value, or add defaults to the class"
+        cure = f"It takes these arguments: {takes}. Write python:…:{name}?key=value, or add defaults to the class"
         raise InvalidInputError(f"policy python:{address}", f"{name} cannot be called {how} ({error})", cure) from None
     try:
         return made(**arguments)
