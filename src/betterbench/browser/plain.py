@@ -60,7 +60,7 @@ class PlainServer:
         port: int,
         verb: str,
     ) -> None:
-        """Start to listen.
+        """Start listening.
 
         Args:
             get: Functions by the part of the path that follows the token ("", "state"). Each returns an answer, or None

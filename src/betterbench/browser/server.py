@@ -60,7 +60,7 @@ class PageServer:
     """
 
     def __init__(self, *, host: str, port: int, verb: str, complain: Callable[[str], None]) -> None:
-        """Start to listen.
+        """Start listening.
 
         Args:
             host: Interface to listen on.

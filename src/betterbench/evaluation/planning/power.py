@@ -53,7 +53,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a sentence that says how small an overall drop in success can be for the trials of a plan to show it."""
+    """Return a sentence that states the smallest overall drop in success that the trials of a plan can show."""
     pairs = sum(t.variation is not None and not t.ambiguous for t in plan.trials)
     if not pairs:
         return "No trial tests a variation: the trials only show how well the training conditions were learned."

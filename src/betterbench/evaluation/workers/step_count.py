@@ -21,7 +21,7 @@ class StepReport:
     """Counter of the control steps of a worker. It is called after every step and reports at regular intervals."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
-        """Start to count. ``hand_over`` is called with the number of steps since its last call."""
+        """Start counting. ``hand_over`` is called with the number of steps since its last call."""
         self._hand_over, self._steps = hand_over, 0
         self._next_s = time.monotonic() + REPORT_EVERY_S
 
@@ -43,7 +43,7 @@ class StepCount:
     """
 
     def __init__(self, on_steps: Callable[[int], None] | None = None) -> None:
-        """Start to count. ``on_steps`` is called after each report with the number of steps of all workers."""
+        """Start counting. ``on_steps`` is called after each report with the number of steps of all workers."""
         self.steps, self._on_steps = 0, on_steps
 
     def add(self, steps: int) -> None:

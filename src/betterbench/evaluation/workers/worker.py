@@ -318,7 +318,7 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start to use a new environment.
+        """Start using a new environment.
 
         If the policy rejected its connection, limit the number of environments instead.
         """

@@ -16,11 +16,12 @@ ERROR_REPLY = b"ERROR"
 
 
 class EndpointServer:
-    """A ZeroMQ connection whose server has answered a ping.
+    """Connection to a ZeroMQ server that has answered a ping.
 
     Raises:
         OSError: If the server cannot be reached or is not ready.
-        HandshakeError: If the server rejects the token, uses another protocol or declares other conventions.
+        HandshakeError: If the server rejects the token, uses another protocol or declares other conventions than the
+            client.
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:

@@ -57,8 +57,9 @@ _START = (
 )
 
 MARK = "BETTERBENCH_POLICY_PROCESS"
-"""Environment variable that marks the child processes of a policy, so that they are found after the policy's process
-has ended.
+"""Environment variable that marks the child processes of a policy.
+
+With it, they are found after the policy's process has ended.
 """
 
 

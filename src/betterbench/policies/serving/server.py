@@ -146,7 +146,7 @@ class PolicyServer:
         return f"openpi://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     def start(self) -> None:
-        """Start to answer clients, in threads of this process."""
+        """Start answering clients, in threads of this process."""
         self._thread = threading.Thread(target=self._server.serve_forever, name=f"serve:{self.port}", daemon=True)
         self._thread.start()
 
@@ -212,9 +212,9 @@ class PolicyServer:
         return not self._full()
 
     def _let_silent_go(self) -> bool:
-        """Close the connection that has been silent for the longest time, if this time is over the limit.
+        """Close the connection that has been silent for the longest time, if this time exceeds the limit.
 
-        Return whether it was.
+        Return whether a connection was closed.
         """
         with self._lock:
             if self._clients is None or len(self._open) < self._clients or not self._silent_since:
