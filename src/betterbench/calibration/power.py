@@ -77,7 +77,7 @@ class _Outcome:
 
 
 def trials_to_flag(chance: float, cells: int) -> int:
-    """Return with how many trials a cell that always succeeds is significant (level 5 %, Holm's correction)."""
+    """Return how many trials make a cell that always succeeds significant (level 5 %, Holm's correction)."""
     n = 1
     while cells * chance_p(Rate(n, n), chance=chance) >= ALPHA:
         n += 1
@@ -186,7 +186,7 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return which faulty rules agreed with all decisions of the expert, for each trial."""
+    """Return, for each trial, the faulty rules that agreed with all decisions of the expert."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

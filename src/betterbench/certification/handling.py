@@ -130,8 +130,8 @@ class Handling:
             task: Task of the episode.
             condition: Condition of the episode.
             finger_moves_m: Distance that the gripper moves to bring its fixed finger into contact before the jaw closes
-                [m]; see ``Jaw.closing_shift_m``. An object that is pushed by at most this distance is considered
-                grasped, even if contact is lost before the jaw closes. It is 0 for parallel jaws.
+                [m]; see ``Jaw.closing_shift_m``. Pushing an object by at most this distance counts as part of grasping
+                it, even if contact is lost before the jaw closes. It is 0 for parallel jaws.
         """
         self._finger_moves_m = finger_moves_m
         self._condition = condition

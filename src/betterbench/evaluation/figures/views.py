@@ -132,7 +132,7 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
-    """Return which fraction of an object's bounding box is inside the image, estimated from a grid of points."""
+    """Return the fraction of an object's bounding box that is inside the image, estimated from a grid of points."""
     number = record.metadata.scene.index(info.name)
     local = _GRID * np.asarray(info.size_m)
     w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]

@@ -70,4 +70,4 @@ def require_ray(cluster: Cluster) -> None:
 
 
 ANYWHERE = Cluster()
-"""Cluster that is used by default: the one at RAY_ADDRESS, or a new cluster on this machine."""
+"""Cluster that is used by default. It is the one at RAY_ADDRESS, or a new cluster on this machine."""

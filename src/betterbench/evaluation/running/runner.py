@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Engine = Literal["local", "ray"]
-"""How the workers run: as processes on this machine, or as actors on a Ray cluster."""
+"""Kind of workers that run the trials: processes on this machine, or actors on a Ray cluster."""
 
 MAX_WORKERS = 256
 

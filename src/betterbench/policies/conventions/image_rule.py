@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""How an image with a different aspect ratio is fitted: with black bars, by cropping, or by distortion."""
+"""Method of fitting an image with a different aspect ratio: black bars, cropping, or distortion."""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Rotation in degrees, counter-clockwise."""
