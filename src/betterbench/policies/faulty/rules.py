@@ -160,9 +160,7 @@ class BrokenRule(ExpertRule):
         return max(shown, key=lambda one: self._likeness(one[0]))[1]
 
     def _likeness(self, known: Condition) -> int:
-        """Return the number of slots that hold objects of the same kind in a training condition and initially in this
-        trial.
-        """
+        """Return how many slots hold objects of the same kind in a training condition and initially in this trial."""
         kinds = {slot: known.object(name).kind for name, slot in known.layout.items()}
         return sum(kinds.get(slot) == self.condition.object(n).kind for n, slot in self.condition.layout.items())
 
