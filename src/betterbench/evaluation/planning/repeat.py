@@ -53,10 +53,10 @@ class _Plan:
         seen: set[TrialId] = set()
         for number, trial in enumerate(self.trials):
             if trial.id in seen:
-                raise InvalidInputError(f"trials[{number}]", "is planned twice", "Remove one of the two")
+                raise InvalidInputError(f"trials[{number}]", "this trial is planned twice", "Remove one of the two")
             seen.add(trial.id)
         if not seen:
-            raise InvalidInputError("trials", "is empty", "Restore the file")
+            raise InvalidInputError("trials", "is empty", "Restore the file run.json")
 
 
 _PLAN = TypeAdapter(_Plan)

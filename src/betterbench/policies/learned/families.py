@@ -117,7 +117,7 @@ def learner(
             raise InvalidInputError(where, *wrong)
         made = registered("family", name, make, _FAMILIES)
         if name in _FAMILIES and made is not make:
-            raise InvalidInputError(where, "it is defined twice", "Rename one of the two")
+            raise InvalidInputError(where, "the name is defined twice", "Rename one of the two")
         if name in _FAMILIES and _FAMILIES[name].make is None:
             raise InvalidInputError(where, "this is the name of a built-in family", "Choose another name")
         _FAMILIES[name] = Family(name, sees, dict(sizes or {}), (*parts, _HEAD), dict(options or {}), made)

@@ -65,7 +65,7 @@ def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
     """
     try:
         if len(data) > MAX_BODY_BYTES:
-            raise ValueError(f"it is larger than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
+            raise ValueError(f"the body is larger than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
         value = json.loads(data, object_pairs_hook=_read_map)
         if isinstance(value, str) and value[:1] in ("{", "["):
             value = json.loads(value, object_pairs_hook=_read_map)

@@ -169,7 +169,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
         # begins with the advice to unpickle the file anyway.
         problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
         named = re.search(r"GLOBAL ([\w.]+)", problem)
-        reason = f"it would call {named.group(1)}, which is not allowed" if named else problem[:200]
+        reason = f"the file would call {named.group(1)}, which is not allowed" if named else problem[:200]
         raise PolicyError(
             f"torch payload of {len(data)} bytes: it cannot be read ({reason or type(error).__name__})."
         ) from error
@@ -181,18 +181,18 @@ def _survey(data: bytes) -> None:
     Compressed entries are rejected, because they could become much larger in memory.
     """
     if len(data) > MAX_FRAME_BYTES:
-        raise ValueError(f"it is larger than {MAX_FRAME_BYTES} bytes")
+        raise ValueError(f"the file is larger than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):
-        raise ValueError("it is not a zip archive written by torch 1.6 or newer")
+        raise ValueError("the file is not a zip archive written by torch 1.6 or newer")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = archive.infolist()
         if any(e.compress_type != zipfile.ZIP_STORED or e.file_size != e.compress_size for e in entries):
-            raise ValueError("it is compressed")
+            raise ValueError("the file is compressed")
         if sum(e.file_size for e in entries) > MAX_FRAME_BYTES:
-            raise ValueError("its entries overlap")
+            raise ValueError("the entries of the file overlap")
         # This is the only function allowed by torch that can allocate any amount of memory for a few bytes.
         if any(_HOARDER in archive.read(e) for e in entries if e.filename.endswith(".pkl")):
-            raise ValueError("it contains a bytearray")
+            raise ValueError("the file contains a bytearray")
 
 
 class _Reader:
@@ -208,9 +208,9 @@ class _Reader:
     def plain(self, thing: object, depth: int = 0) -> Any:  # noqa: ANN401 - a payload may hold anything
         self._values += 1
         if self._values > MAX_VALUES:
-            raise ValueError(f"it contains more than {MAX_VALUES} values")
+            raise ValueError(f"the file contains more than {MAX_VALUES} values")
         if depth > MAX_DEPTH:
-            raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
+            raise ValueError(f"the file is nested deeper than {MAX_DEPTH} levels")
         if thing is None or type(thing) in (bool, int, float, str, bytes):
             return thing
         if isinstance(thing, Mapping):
@@ -225,22 +225,22 @@ class _Reader:
             return self._counted(thing.array())
         if type(thing) is self._torch.Tensor:
             return self._tensor(thing)
-        raise ValueError(f"it contains a {type(thing).__name__}")
+        raise ValueError(f"the file contains a {type(thing).__name__}")
 
     def _tensor(self, tensor: Any) -> np.ndarray:  # noqa: ANN401 - a torch tensor
         torch = self._torch
         if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
-            raise ValueError("it contains a tensor that is sparse, too large or not on the CPU")
+            raise ValueError("the file contains a tensor that is sparse, too large or not on the CPU")
         if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
             # A tensor that was expanded from a few bytes is rejected, because a copy would need much more memory.
-            raise ValueError("it contains a tensor that is larger than its bytes")
+            raise ValueError("the file contains a tensor that is larger than its bytes")
         # bfloat16, in which policies often compute, is converted, since NumPy does not have it.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 
     def _counted(self, array: np.ndarray) -> np.ndarray:
         self._elements += array.size
         if self._elements > _MAX_ELEMENTS:
-            raise ValueError(f"its arrays contain more than {_MAX_ELEMENTS} numbers")
+            raise ValueError(f"the arrays in the file contain more than {_MAX_ELEMENTS} numbers")
         if array.dtype.kind not in "biuf":
-            raise ValueError(f"it contains an array of {array.dtype}")
+            raise ValueError(f"the file contains an array of {array.dtype}")
         return array

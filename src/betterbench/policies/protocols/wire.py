@@ -388,7 +388,7 @@ def require_depth(value: object, most: int) -> None:
         if not holders:
             return
         level = [inner for held in holders for inner in (held.values() if isinstance(held, Mapping) else held)]
-    raise ValueError(f"it is nested deeper than {most}")
+    raise ValueError(f"the value is nested deeper than {most} levels")
 
 
 def _no_extension(code: int, data: bytes) -> object:
@@ -416,25 +416,25 @@ def _survey(data: bytes) -> None:
     """
     at, values, end = 0, 0, len(data)
     if end > MAX_FRAME_BYTES:
-        raise ValueError(f"it is larger than {MAX_FRAME_BYTES} bytes")
+        raise ValueError(f"the message is larger than {MAX_FRAME_BYTES} bytes")
     left = [1]  # number of values that are still to come on each level
     while left:
         if left[-1] == 0:
             left.pop()
             continue
         if at >= end:
-            raise ValueError("it is incomplete")
+            raise ValueError("the message is incomplete")
         left[-1] -= 1
         values += 1
         if values > MAX_VALUES:
-            raise ValueError(f"it contains more than {MAX_VALUES} values")
+            raise ValueError(f"the message contains more than {MAX_VALUES} values")
         at, inside = _token(data, at)
         if inside:
             left.append(inside)
             if len(left) > MAX_DEPTH:
-                raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
+                raise ValueError(f"the message is nested deeper than {MAX_DEPTH} levels")
     if at != end:
-        raise ValueError("it has extra bytes" if at < end else "it is incomplete")
+        raise ValueError("the message has extra bytes" if at < end else "the message is incomplete")
 
 
 def _token(data: bytes, at: int) -> tuple[int, int]:
@@ -457,7 +457,7 @@ def _token(data: bytes, at: int) -> tuple[int, int]:
     if token in _HOLDERS:
         width, each = _HOLDERS[token]
         return at + width, each * int.from_bytes(data[at : at + width], "big")
-    raise ValueError(f"it contains an extension or a forbidden byte ({token:#x})")
+    raise ValueError(f"the message contains an extension or a forbidden byte ({token:#x})")
 
 
 def _dtype(text: object, *, texts: bool = True) -> np.dtype[Any]:
