@@ -183,7 +183,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Measurements of the wall-clock time spent in the episode so far, by name (with unit)."""
+        """Measurements in the episode so far, by name: numbers of requests, retries and reconnects."""
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:

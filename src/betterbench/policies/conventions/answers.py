@@ -382,7 +382,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation as they appear in an action of LIBERO or CALVIN, (horizon, 6 or 7)."""
+        """Return translation and rotation in the form that actions of LIBERO or CALVIN have, (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])

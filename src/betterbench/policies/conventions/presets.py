@@ -531,7 +531,7 @@ def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Adapt a preset to the simulated world in which the policy of an address acts."""
+    """Adapt a preset to the benchmark in which the policy at an address acts."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
         return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the layout of NVIDIA's LIBERO checkpoints
@@ -541,7 +541,7 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Create the error for actions that the simulated world does not support, with a remedy that fits this world."""
+    """Create the error for actions that a benchmark does not support, with a remedy that fits this benchmark."""
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
@@ -552,7 +552,10 @@ def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputEr
 
 
 def presets_in(world: str) -> tuple[str, ...]:
-    """Return the names of the presets for a simulated world. An empty name stands for betterbench's own scenes."""
+    """Return the names of the presets for a benchmark such as "libero".
+
+    An empty name stands for betterbench's own scenes.
+    """
     if world == "calvin":
         return tuple(CALVIN_PRESETS)
     layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)

@@ -87,7 +87,7 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space of a policy in the simulated world of its address.
+    """Return the action space that a policy has in the benchmark in which its address is used.
 
     Returns None if the address does not determine it. ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.
