@@ -100,9 +100,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Measurements in the episode so far, by name: numbers of requests, retries and reconnects, and the server's
-        time [s].
-        """
+        """Measurements in the episode so far, by name: requests, retries and reconnects, and the server's time [s]."""
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
