@@ -146,7 +146,7 @@ def make_plan(
     require_between("--seed", seed, 0, MAX_SEED)
     rule = StoppingRule() if until_decided else None
     if rule is not None and trials < rule.first:
-        problem = f"{trials} trials are too few for a verdict with --until-decided"
+        problem = f"{trials} are too few for a verdict with --until-decided"
         raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or omit --until-decided")
     observation_spec(observation)
     quality_preset(quality)
