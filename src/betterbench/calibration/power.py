@@ -161,7 +161,10 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan for one pretender: its trials of variations, except those whose outcome is already known."""
+    """Return the plan for one pretender (simulated faulty policy).
+
+    It contains the pretender's trials of variations, except those whose outcome is already known.
+    """
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     # The baselines in FLOOR use end-effector deltas on every robot.
     space = EE_DELTA.name if address in FLOOR else None

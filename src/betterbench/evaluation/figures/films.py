@@ -80,7 +80,7 @@ def _world_shots(
     size: int,
     on_progress: OnCount | None,
 ) -> dict[Shot, bytes]:
-    """Render one JPEG per shot of a run in a simulated world that renders its own images."""
+    """Render one JPEG per shot of a run in a benchmark that renders its own images, such as LIBERO."""
     ordered = sorted(shots, key=lambda shot: (shot.task, shot.condition))
     rows = [records[s.task, s.condition, s.seed] for s in ordered]
     wanted = [

@@ -43,7 +43,7 @@ class Plan:
         robot: Name of the robot.
         looks: Appearance of objects and rooms: as in demonstrations ("seen") or not ("unseen").
         until_decided: Rule that decides when a variation needs no more trials. None runs all trials.
-        world: Simulated world in which the trials are run.
+        world: Benchmark in whose simulator the trials are run: betterbench, LIBERO or CALVIN.
     """
 
     policy: str

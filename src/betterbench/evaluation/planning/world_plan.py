@@ -1,4 +1,4 @@
-"""Plan for a suite of any simulated world, made from that world's description of its tasks."""
+"""Plan of a run for a suite of any benchmark (such as LIBERO), made from the benchmark's description of its tasks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def make_world_plan(
     observation: str = "default",
     **options: Any,  # noqa: ANN401 - those of the world
 ) -> Plan:
-    """Return the plan for a suite, whose tasks are listed by the simulated world of the suite.
+    """Return the plan of a run for a suite, whose tasks are listed by the benchmark ("world") to which the suite
+    belongs.
 
     Args:
         policy: Address of the policy.
@@ -55,10 +56,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space of a run in a simulated world.
-
-    It is the requested one or, without a request, the policy's.
-    """
+    """Return the action space of a run in a benchmark. It is the requested one or, without a request, the policy's."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)
