@@ -23,8 +23,7 @@ def make_world_plan(
     observation: str = "default",
     **options: Any,  # noqa: ANN401 - those of the world
 ) -> Plan:
-    """Return the plan of a run for a suite, whose tasks are listed by the benchmark ("world") to which the suite
-    belongs.
+    """Return the plan of a run for a suite. Its tasks are listed by the benchmark ("world") to which the suite belongs.
 
     Args:
         policy: Address of the policy.
