@@ -1,4 +1,4 @@
-"""Replacement of command-line options by argument names in error messages."""
+"""Conversion of error messages of the command line to the Python API: options are replaced by argument names."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

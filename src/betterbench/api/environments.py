@@ -24,11 +24,12 @@ def make_env(
 
     Args:
         task: ID of the task ("fast_food").
-        variation: Variation ("T1") or training condition ("train2"). By default, it is the first training condition.
+        variation: Name of a variation ("T1") or training condition ("train2"). By default, the first training
+            condition.
         observation: Name of an observation preset. "state_only" renders no images.
         action_space: Name of an action space.
         quality: Name of a rendering preset.
-        looks: Appearance of objects and rooms: "seen" (as in demonstrations) or "unseen".
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
         render_mode: "rgb_array" for images of the front camera.
 
     Raises:

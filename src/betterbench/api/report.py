@@ -1,4 +1,4 @@
-"""Report of runs, with films of trials that are rendered from the records."""
+"""Report about one or more runs. It includes videos of trials, which are rendered from the recorded states."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ class ReportListener:
     """Functions that are called with messages and progress while a report is built.
 
     Attributes:
-        say: Function that takes a message of one line.
-        warn: Function that takes the warning that this machine cannot render films.
-        bar: Function that returns a context manager for a step with the given name. The context manager shows a
-            progress bar and provides a function to call with the finished and the total number.
+        say: Function that is called with a message of one line.
+        warn: Function that is called with a warning if this machine cannot render films.
+        bar: Function that takes the name of a step and returns a context manager, which shows a progress bar. On entry,
+            it provides a function to be called with the number of finished items and the number of all items.
     """
 
     say: Callable[[str], None] = logger.info
@@ -68,7 +68,7 @@ class ReportListener:
 
 
 class BuiltReport(NamedTuple):
-    """Path of the report page, and sentences that state the verdict on each run."""
+    """Result of building a report: the path of the page, and one sentence per run that states its verdict."""
 
     page: Path
     verdicts: tuple[str, ...]
@@ -86,12 +86,13 @@ def build_report(
 ) -> BuiltReport:
     """Diagnose runs, render their failures and write the report page. Return the path of the page and the verdicts.
 
-    ``films`` is the maximum number of trials in all runs that are shown as films; with 0, nothing is rendered.
-    ``twins`` contains one run in the base suite for each run in LIBERO-PRO, or is empty.
+    ``films`` is the maximum number of trials, over all runs together, that are shown as films. If it is 0, nothing is
+    rendered. For runs in LIBERO-PRO, ``twins`` may contain one run of the same policy in the original suite (such as
+    LIBERO) for each run; otherwise it is empty.
     """
     if twins and len(twins) != len(runs):
         problem = f"got {len(twins)} for {plural(len(runs), 'run')}"
-        raise InvalidInputError("--twins", problem, "Give --twins once per run, in the order of the runs")
+        raise InvalidInputError("--twins", problem, "Repeat --twins once for each run, in the order of the runs")
     called = run_names(runs, names)
     say = listener.say
     bases: list[RunFolder | None] = [RunFolder.open(path) for path in twins] or [None] * len(runs)
@@ -139,10 +140,10 @@ def write_report(
 
     Args:
         *runs: Runs, or their folders.
-        out: Folder of the report. By default, it is ``report`` in the folder of the first run.
-        names: Name of each run on the page, in the order of the runs. By default, it is the name of the policy.
+        out: Folder of the report. By default, the folder ``report`` inside the folder of the first run.
+        names: Name of each run on the page, in the order of the runs. By default, each run has the name of its policy.
         twins: For runs in LIBERO-PRO: folders of runs in the base suite by the same policies, one for each run.
-        latex: Whether to write LaTeX tables as well.
+        latex: Whether to write the tables as LaTeX files, too.
         films: Maximum number of trials that are shown as films. The other failures get one image each. With 0, nothing
             is rendered.
         overwrite: Whether to write into a folder that contains other files.
@@ -223,7 +224,7 @@ def _conditions_of_matrices() -> frozenset[str]:
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
     """Render at most ``films`` films for all runs together, and one image for each other failure.
 
-    In LIBERO, the path of the gripper is not drawn, since the pose of the camera is not recorded.
+    For runs in LIBERO, the path of the gripper is not drawn into the images, since the camera pose is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
@@ -290,9 +291,9 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the part of a film that shows one trial.
+    """Return the panel of a film that shows one trial.
 
-    If there is another part, it shows the training twin, which is the training trial with the same seed.
+    If the film has a second panel, it shows the training twin, which is the training trial with the same seed.
     """
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
@@ -305,7 +306,10 @@ def _paths(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, bytes]:
-    """Return each trial's initial image with the gripper's path, also for training twins (trials of the same seed)."""
+    """Return, for each failed trial and its training twin, the image of the initial state with the gripper's path.
+
+    The training twin is the training trial with the same seed.
+    """
     if not failed:
         return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
@@ -329,7 +333,7 @@ def _thumbnails(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, Thumbnails]:
-    """Render the missing images of variations' scenes. Each shows a trial and the training trial with the same seed."""
+    """For each variation without images, render the scene of one trial and of the training trial with the same seed."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

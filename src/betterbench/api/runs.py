@@ -56,23 +56,23 @@ def evaluate(
         policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy"; see
             ``better list policies``), or a policy object of your own, which answers in this process.
         tasks: Tasks to run. By default, all tasks of the suite better60.
-        variations: Variations to run ("L1", "fast_food/T1"). By default, all.
+        variations: Variations to run ("L1", "fast_food/T1"). By default, all variations of the tasks.
         trials: Number of trials per variation.
         seed: First seed.
-        out: Run folder. By default, ``runs/POLICY``.
-        action_space: Action space of the policy. By default, it is that of the policy object's ``info``, or ee_delta
-            for an address.
+        out: Run folder. By default, ``runs/POLICY``, where POLICY is the name of the policy.
+        action_space: Action space of the policy. By default, a policy object's ``info`` determines it; for a policy
+            address, it is ee_delta.
         observation: Name of an observation preset.
         quality: Name of a rendering preset.
-        looks: Appearance of objects and rooms: "seen" (as in demonstrations) or "unseen".
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
         until_decided: Whether to stop a variation as soon as its verdict is certain. ``trials`` is then the maximum.
-        workers: Number of worker processes, which may be more than one only for an address. None starts one per CPU
+        workers: Number of worker processes. It must be 1 if ``policy`` is an object. None starts one worker per CPU
             core. A script that uses more than one worker needs ``if __name__ == "__main__":``, because each worker
             imports the script again.
-        policy_timeout_s: Deadline for one answer of a policy that does not run on a server [s].
+        policy_timeout_s: Maximum time for one reply of a policy that does not run on a server [s].
         certificate: Certificate written by ``better certify``, or the folder of the certificate. By default, the
             packaged certificate is used.
-        uncertified: Whether to run trials that are not certified.
+        uncertified: Whether to run trials even if they are not certified.
         allow_changed_policy: Whether to resume the run even if the description of the policy has changed since the run
             began.
         on_progress: Function that is called at the start and after every trial.
@@ -135,14 +135,14 @@ def diagnose(
 
     Args:
         run: Run, or its folder. An unfinished run can be diagnosed too.
-        twins: For a run in LIBERO-PRO: run in the base suite by the same policy. Its trials are the twins.
+        twins: For a run in LIBERO-PRO, a run of the same policy in the original suite. The trials of the two runs are
+            compared in pairs.
         allow_mixed: Whether records with different versions, engines or policies may be diagnosed together.
-        on_progress: Function that is called with the number of trials that have been processed, and the number of all
-            trials.
+        on_progress: Function that is called with the number of diagnosed trials and the number of all trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.
-        RunConflictError: If versions, engines or policies are mixed although this is not allowed.
+        RunConflictError: If the records have different versions, engines or policies and ``allow_mixed`` is False.
     """
     return diagnose_run(
         _opened(run),
@@ -159,20 +159,21 @@ def compare(
     sequential: bool = False,
     allow_mixed: bool = False,
 ) -> Comparison:
-    """Compare policies in pairs, each pair on the trials that both runs contain.
+    """Compare policies in pairs. Each pair is compared on the trials that both of its runs contain.
 
     Args:
         *runs: Two or more runs, folders of runs, or files written by ``better export``.
         names: Names of the runs, in the same order. By default, the names of the policies.
-        alpha: Level of the tests. Intervals have the confidence 1 - alpha.
-        sequential: Whether to add tests that remain valid no matter how often unfinished runs are looked at.
+        alpha: Significance level of the tests. The confidence level of the intervals is 1 - alpha.
+        sequential: Whether to add sequential tests, which stay valid if they are repeated while the runs are
+            unfinished.
         allow_mixed: Whether to compare runs even if their versions or engines differ.
 
     Raises:
         InvalidInputError: If an argument is out of range, if the runs have no trials in common, or if they belong to
             different suites.
         RecordError: If a run or a record cannot be read.
-        RunConflictError: If versions or engines differ although this is not allowed.
+        RunConflictError: If versions or engines differ and ``allow_mixed`` is False.
     """
     paths = [run.path if isinstance(run, RunFolder) else Path(run) for run in runs]
     folders = [RunFolder.open(path) for path in paths if path.is_dir()]

@@ -33,9 +33,10 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the response of the wrapped server, or a response with status 400 if the server raises an error.
+    """Return the response of the wrapped HTTP handler, or a response with status 400 if the handler raises an error.
 
-    Without this, a header that occurs twice or a path with invalid bytes would print a traceback.
+    Otherwise, the server would print a traceback for a request in which a header occurs twice or the path contains
+    invalid bytes.
     """
     try:
         return None if inner is None else inner(connection, request)
@@ -48,7 +49,7 @@ class Gate:
 
     Attributes:
         token: Token with which every request path must begin.
-        is_closed: Whether the filter protects a server. A server must not be used while this is False.
+        is_closed: Whether the filter already protects a server. A server must not be used before this is True.
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
@@ -61,7 +62,7 @@ class Gate:
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return the part of a request path that follows the token. Return None if the token is missing or wrong."""
+        """Return the part of a request path that follows the token, or None if the token is missing or wrong."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):
@@ -69,7 +70,10 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the part of the request path that follows the token. Return None if the request must be rejected."""
+        """Check a request, and return the part of its path that follows the token.
+
+        Return None if it must be rejected.
+        """
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None
@@ -77,7 +81,7 @@ class Gate:
 
     @contextmanager
     def before_servers(self) -> Iterator[None]:
-        """Protect every websocket server that is started in this context.
+        """Protect every websocket server that is started while this context is active.
 
         This is necessary because viser has no access control.
         """

@@ -1,8 +1,8 @@
-"""Filter for incoming messages. It passes only messages of the types that the page sends on to viser.
+"""Filter for messages from a web page. It passes on to viser only the kinds of messages that the page itself sends.
 
 In viser, a message can set any property of any element and call any registered function. A wrong value could end the
-session or lock out pages that are opened later, and one type of message would publish the page on the internet. Each
-message is therefore checked against a schema of the page's messages. viser itself checks the rest.
+session or block pages that are opened later, and one type of message would publish the page on the internet. Each
+message is therefore checked against a schema of the messages that the page sends. All other checks are left to viser.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ class IncomingMessages:
     """Rules by which incoming messages are checked. A server must not run without them."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Begin with no registered elements, so that all messages about panel elements are rejected.
+        """Begin without registered panel elements, so all messages about panel elements are rejected at first.
 
-        ``complain`` is called with a text for each rejected message.
+        ``complain`` is called with an explanation for each rejected message.
         """
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
@@ -92,7 +92,7 @@ class IncomingMessages:
         self._kinds[uuid] = kind
 
     def admits(self, raw: object) -> bool:
-        """Return whether a message is valid, so that it may be passed to viser."""
+        """Return whether a message is valid and may therefore be passed on to viser."""
         if not isinstance(raw, bytes) or len(raw) > MAX_MESSAGE_BYTES:
             return False
         try:
@@ -106,7 +106,7 @@ class IncomingMessages:
         return kind is not None and isinstance(value, _TYPES[kind]) and isinstance(value, bool) == (kind == "button")
 
     def before(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """Return a connection handler that calls the given handler but passes it only valid messages."""
+        """Wrap a connection handler: the returned handler does the same, but receives only valid messages."""
 
         async def handle(connection: Any) -> None:  # noqa: ANN401 - of websockets
             await handler(_Filtered(connection, self))
@@ -114,7 +114,7 @@ class IncomingMessages:
         return handle
 
     async def next_of(self, connection: Any) -> Any:  # noqa: ANN401
-        """Wait for the next valid message of a connection, and return it."""
+        """Wait for the next valid message on a connection, and return it."""
         while True:
             raw = await connection.recv()
             if self.admits(raw):
@@ -132,5 +132,5 @@ class _Filtered:
         return getattr(self._connection, name)
 
     async def recv(self) -> Any:  # noqa: ANN401
-        """Wait for the next valid message, and return it."""
+        """Wait for the next valid message on the wrapped connection, and return it."""
         return await self._incoming.next_of(self._connection)

@@ -23,10 +23,10 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """State of the keys and the gamepad.
+    """State of the keyboard and the gamepad, as a web page reports it.
 
-    It contains the keys that are held, the number of times that each key has been pressed since the page was opened,
-    and the axes in [-1, 1].
+    The state consists of the keys that are held down, the number of times that each key has been pressed since the page
+    was opened, and the positions of the gamepad's axes in [-1, 1].
     """
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
@@ -46,7 +46,7 @@ def read_keys(text: str) -> PageKeys:
 
 
 def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> list[str]:
-    """Return the keys that have been pressed since a page's last message, and update the page's counts in ``known``."""
+    """Return the keys that were pressed after the previous message of a page, and update its counts in ``known``."""
     made = [
         name
         for name in names
@@ -61,12 +61,12 @@ def script_element(
 ) -> str:
     """Return an HTML element that runs the page's script as soon as it is shown.
 
-    viser does not support scripts, and scripts in its HTML elements do not run. However, the error handler of an image
-    does run.
+    viser does not run script tags in its HTML elements. The element is therefore an image whose error handler contains
+    the script.
 
     Args:
         taps: Action for each key that triggers a single action, by key code.
-        held: Codes of the keys that act as long as they are held.
+        held: Codes of the keys that have an effect for as long as they are held down.
         gamepad: Action for each button of a standard gamepad, or None to ignore gamepads.
     """
     source = resources.files("betterbench.browser").joinpath("page.js").read_text()

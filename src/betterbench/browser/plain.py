@@ -1,4 +1,4 @@
-"""HTTP server for a page with files, JSON and images. It does not use viser, and is protected by a token.
+"""HTTP server for a page with files, JSON and images. The server does not use viser, and is protected by a token.
 
 The token is the first part of every path, as in :mod:`betterbench.browser.gate`. Requests from pages of other sites are
 rejected, and the page cannot load anything from another server.
@@ -49,7 +49,7 @@ Answer = tuple[str, bytes]
 
 
 class PlainServer:
-    """HTTP server for a single page. It listens until it is closed."""
+    """HTTP server for a single page. It runs until it is closed."""
 
     def __init__(
         self,
@@ -63,13 +63,14 @@ class PlainServer:
         """Start listening.
 
         Args:
-            get: Functions by the part of the path that follows the token ("", "state"). Each returns an answer, or None
-                for status 404. Several threads may call a function at the same time.
-            post: Function that executes a command. It gets the JSON object that was sent to "do", and returns a JSON
-                value. If it raises a BetterError, the text of the error is sent to the page.
+            get: Functions that answer GET requests, by the part of the path that follows the token ("", "state"). Each
+                returns a response, or None for status 404. Several threads may call a function at the same time.
+            post: Function that executes a command of the page. It is called with the JSON object that the page sent to
+                the path "do", and returns a JSON value. If it raises a BetterError, the text of the error is sent to
+                the page.
             host: Interface to listen on.
             port: Port to listen on. 0 selects any free port.
-            verb: Subcommand that shows the page ("better teleop"), for rejection messages.
+            verb: Command that shows the page ("better teleop"). Messages about rejected requests name it.
 
         Raises:
             InvalidInputError: If the port is not available.
@@ -170,7 +171,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         return None
 
     def _send_part(self, kind: str, data: bytes) -> None:
-        """Send a response, or only the range of it that was requested. Browsers request ranges to seek in a film."""
+        """Send a response, or the byte range of it that the browser requested in order to seek in a video."""
         found = _RANGE.fullmatch(self.headers.get("Range", ""))
         first, last = ("", "") if found is None else found.groups()
         if not (first or last) or (first and last and int(last) < int(first)):
@@ -199,4 +200,4 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.close_connection = True
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name in http.server
-        """Log nothing, because the paths of requests contain the token."""
+        """Write no log of requests, because their paths contain the secret token."""

@@ -1,4 +1,4 @@
-"""Server that uses viser and accepts only the page at the address that was printed."""
+"""Server that uses the library viser and can be reached only under the address that the command printed."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def free_port(host: str, port: int) -> int:
 
 
 class PageServer:
-    """viser server protected by access control (:mod:`betterbench.browser.gate`).
+    """Server of the library viser, with access control added (see :mod:`betterbench.browser.gate`).
 
     Attributes:
         viser: Server object of viser.
@@ -66,7 +66,7 @@ class PageServer:
             host: Interface to listen on.
             port: Port to listen on. 0 selects any free port.
             verb: Subcommand that shows the page ("better teleop").
-            complain: Function that is called with a text for each rejected message.
+            complain: Function that is called with an explanation for each rejected message.
 
         Raises:
             MissingDependencyError: If viser is not installed.
@@ -103,14 +103,14 @@ class PageServer:
         return self._host in LOOPBACK_NAMES
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
-        """Register an element of the panel, so that its values are accepted.
+        """Register an element of the panel, so that messages which change the element's value are accepted.
 
-        Only the page knows the UUID of the element.
+        The element's UUID is random and known only to the page.
         """
         self._incoming.expect(element._impl.uuid, kind)
 
     def close(self) -> None:
-        """Close all connections and stop listening. Pages that do not respond get at most :data:`STOP_S`."""
+        """Close all connections and stop the server. Wait at most :data:`STOP_S` for pages that do not respond."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)

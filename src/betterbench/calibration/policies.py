@@ -1,4 +1,4 @@
-"""Policies of a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
+"""Policies that are run for a calibration: the expert, and faulty policies at several levels of fault and noise."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def calibration_policies(
     trials: int = 1,
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
-    """Return the policies of a calibration: the expert, and every faulty policy at every strength.
+    """Return the policies that are run for a calibration: the expert, and every faulty policy at every fault strength.
 
     Raises:
         InvalidInputError: If a policy is unknown, or a number is out of range.

@@ -1,9 +1,9 @@
-"""Measurement of the power matrix: simulated faulty policies run on every variation, in runs that can be resumed.
+"""Measurement of the power matrix by running simulated faulty policies on every variation. It can be resumed.
 
-The power matrix tells how often each pretender (simulated faulty policy) succeeds on each variation. The expert runs
-first and records which faulty rules agree with all its decisions. Such a rule would produce exactly the same episode,
-so its trial is not simulated: the outcome is copied from the expert, and the cell counts it as shared. All other trials
-are simulated.
+The power matrix tells how often each simulated faulty policy (called a pretender) succeeds on each variation. The
+expert runs first and records which faulty rules agree with all its decisions in a trial. Such a rule would produce
+exactly the same episode as the expert. That trial is therefore not simulated: its outcome is copied from the expert,
+and the cell of the matrix counts it as shared. All other trials are simulated.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """Number of trials per pretender (simulated faulty policy) and variation. Seeds begin at 0.
+    """Number of trials of each pretender (simulated faulty policy) on each variation. Their seeds start at 0.
 
     Attributes:
-        of: Number of trials by pretender and variation. The expert's number is the largest that any rule needs.
+        of: Number of trials by pretender and variation. The expert has the largest number that any faulty rule needs.
         chances: Success rate of guessing the instruction, by variation.
     """
 
@@ -77,7 +77,10 @@ class _Outcome:
 
 
 def trials_to_flag(chance: float, cells: int) -> int:
-    """Return how many trials make a cell that always succeeds significant (level 5 %, Holm's correction)."""
+    """Return the smallest number of trials with which a cell that always succeeds differs significantly from chance.
+
+    The significance level is 5 %, with Holm's correction for all cells.
+    """
     n = 1
     while cells * chance_p(Rate(n, n), chance=chance) >= ALPHA:
         n += 1
@@ -85,10 +88,11 @@ def trials_to_flag(chance: float, cells: int) -> int:
 
 
 def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, probes: bool = True) -> PowerTrials:
-    """Return the trials of a power matrix of the named tasks, or of the whole suite.
+    """Return the number of trials for each cell of a power matrix, for the named tasks or for the whole suite.
 
-    A pretender (simulated faulty policy) without an input gets so many trials that a variation which it always solves
-    is significant among all cells. If ``probes`` is False, only faulty rules are run, which need few trials.
+    A pretender (simulated faulty policy) that lacks an input, such as the image, gets enough trials that a variation
+    which it always solves is significant after the correction for all cells. If ``probes`` is False, only policies with
+    faulty rules are run, which need few trials.
     """
     suite = [get_task(name) for name in suite_tasks(built_in_suite(tasks))]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
@@ -123,8 +127,8 @@ def measure_power(
 ) -> PowerMatrix:
     """Run every pretender (simulated faulty policy) on every variation, and return the power matrix.
 
-    The same call resumes an interrupted measurement. Trials in which a faulty rule decides like the expert are not
-    simulated again.
+    The same call resumes an interrupted measurement. If a faulty rule makes the same decisions as the expert in a
+    trial, the outcome is copied from the expert instead of being simulated again.
 
     Raises:
         RunConflictError: If a folder already contains a different run.
@@ -161,9 +165,9 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan for one pretender (simulated faulty policy).
+    """Return the plan for the run of one pretender (simulated faulty policy).
 
-    It contains the pretender's trials of variations, except those whose outcome is already known.
+    It contains all trials of the pretender except those whose outcome is already known.
     """
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     # The baselines in FLOOR use end-effector deltas on every robot.

@@ -1,4 +1,4 @@
-"""Execution of a calibration: one run per policy, which can be resumed, and the combined result."""
+"""Execution of a calibration: runs each policy in a run that can be resumed, and combines the results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """Progress of a calibration: finished trials, all trials, and the policy that is running."""
+    """Progress of a calibration: number of finished trials, number of all trials, and the policy that is running."""
 
     done: int
     planned: int
@@ -88,7 +88,7 @@ def assess(runs: Sequence[RunFolder]) -> Calibration:
 
 
 def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
-    """Return the ground truth that the policy reported about each finished episode."""
+    """Return the ground truth about each finished episode, as the faulty policy reported it."""
     done = (e for e in run.entries() if e.status == "done")
     return {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in done}
 

@@ -1,4 +1,4 @@
-"""Data of a certificate: clauses and margins of each trial, a summary, and the JSON form."""
+"""Data of a certificate: the results of checking each trial's clauses, the margins, a summary, and the JSON form."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Together they show law 2 of the benchmark: every trial can be solved with motion
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Result of checking one clause: whether the clause holds, and a reason or remark, which may be empty."""
+    """Result of checking one clause of a certificate: whether the clause holds, and a reason or remark, if any."""
 
     passed: bool
     text: str = ""
@@ -48,16 +48,16 @@ class TrialCertificate:
 
     Attributes:
         condition: Name of the variation or of the training condition.
-        clauses: Result of each clause, "a" to "e".
+        clauses: Result for each clause of the certificate, by its letter "a" to "e".
         steps: Number of control steps in the expert's episode.
-        penetration_mm: Depth of the deepest penetration between an object and another body in the initial state [mm]. 0
-            if there is none.
+        penetration_mm: Depth of the deepest penetration between an object and another body in the initial state [mm],
+            or 0 without penetration.
         drift_mm: Largest distance that an untouched object moves in the first 0.2 s [mm].
         joint_margin_rad: Smallest distance between an arm joint and its limit in the grasps planned for clause (d)
             [rad]. None if no grasp was planned.
-        support_slack_mm: Smallest distance from a pick or a target to the border of the region in which training varies
-            it [mm]. None if the expert touched nothing.
-        watched: Whether the correct behavior is to touch nothing. Every episode then runs until the step limit.
+        support_slack_mm: Smallest distance from the position of a pick or target to the border of the region in which
+            this position varies in training [mm]. None if the expert touched nothing.
+        watched: Whether the correct behavior is to touch nothing. If so, every episode runs until the step limit.
         primitives: Descriptions of the motion primitives in the expert's episode.
         expert_s: Wall-clock time of the expert's episode [s].
         total_s: Wall-clock time of the complete examination [s].
@@ -104,7 +104,7 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions on which a certificate depends, in addition to the seeds.
+    """Versions with which a certificate was made. It is valid only for these versions.
 
     The version of the suite determines the random streams. ``looks`` is the appearance of objects and rooms in the
     trials that were examined ("seen" or "unseen"), and ``robot`` is the name of the robot.
@@ -119,7 +119,7 @@ class CertificateVersions:
 
     @property
     def words(self) -> str:
-        """All versions as text, for messages."""
+        """All versions as one text, for use in messages."""
         tasks = "".join(f", {name} {number}" for name, number in self.tasks.items())
         versions = f"betterbench {self.package}, suite {self.suite}, MuJoCo {self.engine}{tasks}"
         return f"{versions}, {self.looks} looks, robot {self.robot}"
@@ -128,7 +128,7 @@ class CertificateVersions:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Complete certificate.
+    """Complete certificate with all examined trials.
 
     Attributes:
         platform: Machine and operating system on which the trials were examined.
@@ -157,7 +157,7 @@ class Certificate:
 
     @property
     def ambiguous(self) -> tuple[TrialCertificate, ...]:
-        """Trials whose instruction assumes something false about the scene. They have no right or wrong outcome."""
+        """Trials whose instruction assumes something false about the scene, so that no outcome is right or wrong."""
         return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
 
     @property
@@ -227,10 +227,10 @@ class Summary:
     Attributes:
         n: Number of trials.
         passed: Number of trials in which all clauses hold.
-        clauses: Number of trials in which each clause holds.
-        steps_share: Largest fraction of the step limit that the expert needed in a trial that it solved. None if it
-            solved no trial, or if episodes always run until the limit.
-        notes: Different remarks on clauses. A remark on a clause that fails names a seed.
+        clauses: Number of trials in which the clause holds, for each clause.
+        steps_share: Largest number of steps in which the expert solved a trial, as a fraction of the step limit. None
+            if it solved no trial, or if the episodes always run until the limit.
+        notes: Remarks on clauses, without duplicates. A remark on a clause that fails names the seed of such a trial.
     """
 
     task: str

@@ -1,4 +1,4 @@
-"""Coverage of a certificate: the list of certified trials, in a file small enough to be shipped with the suite."""
+"""Coverage of a certificate: the list of certified trials, in a compact form that is shipped with the suite."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 class Gap(NamedTuple):
     """First trial that a certificate does not cover, with the reason.
 
-    ``refused`` is True if the trial was examined with the current versions and failed, so that examining it again would
-    be of no use.
+    ``refused`` is True if the trial was examined with the current versions and failed. There is then no point in
+    examining it again.
     """
 
     trial: TrialId
@@ -97,7 +97,7 @@ class Coverage:
         return cls(certificate.versions, conditions)
 
     def only(self, current: CertificateVersions) -> Coverage:
-        """Return a coverage that is restricted to some tasks.
+        """Return a coverage that contains only the given ones of its tasks.
 
         Args:
             current: Current versions, including those of the tasks to keep.
@@ -110,7 +110,7 @@ class Coverage:
             now = replace(current, tasks={name: number})
             if then != now:
                 problem = f"{name} was certified with {then.words}, but the versions in use are {now.words}"
-                raise InvalidInputError("certificate", problem, "Certify this task again, too")
+                raise InvalidInputError("certificate", problem, "Certify this task again as well")
         kept = {name: seeds for name, seeds in self.conditions.items() if name.partition("/")[0] in current.tasks}
         return Coverage(current, kept)
 
@@ -171,7 +171,7 @@ class Coverage:
         return None
 
     def unsolved(self, trials: Iterable[TrialId]) -> tuple[TrialId, ...]:
-        """Return those of the given trials that are covered although the expert did not solve them."""
+        """Return those of the given trials that are covered even though the expert did not solve them."""
         seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
         return tuple(t for t in trials if t.seed in seeds.get(f"{t.task}/{t.condition}", ()))
 
@@ -189,9 +189,9 @@ _COVERAGE = TypeAdapter(Coverage)
 
 
 def _minor(version: str) -> str:
-    """Return the major and minor version number.
+    """Return the major and minor part of a MuJoCo version.
 
-    Contacts, and therefore scores, change between minor versions of MuJoCo.
+    Contact forces can change between minor versions of MuJoCo, and with them the scores.
     """
     return ".".join(version.split(".")[:2])
 
@@ -221,7 +221,9 @@ def packaged_name(suite: str) -> str:
 
 
 def coverage_of(tasks: Iterable[str]) -> Coverage:
-    """Return the certificate coverage that applies to some tasks, from the folder of their suite or from the package.
+    """Return the coverage of the certificate that applies to the given tasks.
+
+    For a suite in a folder, it is read from this folder, otherwise from the package.
 
     Raises:
         InvalidInputError: If the certificate in the folder cannot be read.
@@ -264,16 +266,17 @@ def cure_for(
     robot: str = USUAL_ROBOT,
     unmeasured: Sequence[str] = (),
 ) -> str:
-    """Return what the user can do about a trial of a run that is not certified.
+    """Return an instruction for the user, which says how to deal with a trial that is not certified.
 
     Args:
         gap: Trial that is not certified, with the reason.
-        tasks: All tasks of the run, because one certificate must cover the complete run. Empty for the whole suite.
+        tasks: All tasks of the run, because one certificate must cover the complete run. Empty if the run contains the
+            whole suite.
         first: First seed of the run.
         trials: Number of trials per variation.
-        looks: Appearance of objects and rooms ("seen" or "unseen").
+        looks: Appearance of objects and rooms in the run ("seen" or "unseen").
         robot: Name of the robot.
-        unmeasured: Tasks in user files whose demonstrations must be measured first.
+        unmeasured: Tasks defined in user files whose demonstrations must be measured first.
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run the trials with --uncertified"

@@ -56,8 +56,8 @@ class Demonstration:
 
     Attributes:
         problem: Reason why the demonstration failed. Empty if it succeeded.
-        puts: Placements of objects in the demonstration.
-        together: Final poses of the objects at each target that received several objects.
+        puts: Every placement of an object in the demonstration.
+        together: Final poses of the objects, for each target on or in which several objects were placed.
     """
 
     task: str
@@ -74,11 +74,12 @@ class Demonstration:
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return the demonstrations of a task to measure. The training conditions take turns.
+    """Return the demonstrations of a task that are to be measured. They use the training conditions in turn.
 
     Returns:
-        Demonstrations in which no object is at a target from the start, and demonstrations in which some objects are.
-        In the second kind, the initial poses of these objects are the final poses measured in the first kind.
+        Two lists: demonstrations that start with no object at a target, and demonstrations that start with some objects
+        already at a target. In the second kind, these objects start in final poses that were measured in the first
+        kind.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -91,7 +92,7 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: st
 
     Args:
         trial: Training condition, with a seed for demonstrations.
-        so_far: Measurements made so far, which determine the poses of objects that are at a target from the start.
+        so_far: Measurements made so far. They determine the initial poses of objects that are already at a target.
         robot: Name of the robot. By default, it is the robot for which the task is made.
     """
     task = get_task(trial.task)
@@ -111,7 +112,7 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: st
 
 
 def _together(left: Sequence[Preplaced], relation: str) -> tuple[JointPoses, ...]:
-    """Return the final poses of the objects at each target that received several objects."""
+    """Return the final poses of the objects, for each target on or in which several objects were placed."""
     places: dict[tuple[str, str, str], list[FinalPose]] = {}
     for p in left:
         places.setdefault(p.place, []).append(FinalPose(p.kind, p.asset, LeaningPose.of(p.pose)))
@@ -145,7 +146,7 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Combine the measurements from demonstrations of a task. Demonstrations that failed are ignored."""
+    """Combine the measurements from several demonstrations of a task. Demonstrations that failed are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}
@@ -170,7 +171,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return the sorted heights without those that are at most 0.5 mm above the previous one."""
+    """Return the heights in ascending order, omitting each that is at most 0.5 mm above the previous one."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

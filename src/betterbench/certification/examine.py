@@ -1,4 +1,4 @@
-"""Examination of one trial in the simulator, which checks the five clauses of a certificate."""
+"""Examination of one trial in the simulator, which checks the five clauses (conditions) of a certificate."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ Assets at rest penetrate by less than 0.5 mm.
 
 @dataclass(frozen=True, slots=True)
 class InitialRest:
-    """Result of clause (c) of a certificate, which requires that the initial state is at rest.
+    """Result of clause (c) of a certificate, which requires that objects are at rest in the initial state.
 
-    It includes the largest penetration and the largest motion of an object [mm].
+    The result includes the depth of the largest penetration [mm] and the largest motion of an object [mm].
     """
 
     clause: Clause
@@ -61,7 +61,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Result of clause (a) of a certificate, that the expert solves the trial, and of each motion primitive."""
+    """Results for clause (a) of a certificate (the expert solves the trial) and for each of its motion primitives."""
 
     clause: Clause
     steps: int
@@ -70,7 +70,7 @@ class _Episode:
 
 
 def examine(trial: TrialId, *, looks: Looks = "seen", robot: str | None = None) -> TrialCertificate:
-    """Examine all clauses of a certificate for a trial. Raises UnknownNameError if the trial does not exist."""
+    """Examine a trial against all clauses of a certificate. Raises UnknownNameError if the trial does not exist."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -89,7 +89,7 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str | None = None,
 ) -> TrialCertificate:
-    """Examine all clauses of a certificate for one seed of a condition, which need not be registered."""
+    """Examine one seed of a condition against all clauses of a certificate. The condition need not be registered."""
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot
@@ -126,7 +126,7 @@ def examine_condition(
 
 
 def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
-    """Check clause (c) of a certificate, that objects are at rest, in control steps in which the arm does not move."""
+    """Check clause (c) of a certificate: all objects are at rest while the arm does not move for some control steps."""
     before = scene.reset(check_premise=False)
     span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)
@@ -149,7 +149,7 @@ def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
 
 
 def _penetration(scene: Scene) -> tuple[float, str]:
-    """Return the depth of the largest penetration between an object and another body [m], and the names of the two."""
+    """Return the depth of the largest penetration between an object and another body [m], and the names of both."""
     contact = scene.data.contact
     names, n = scene.body_names, len(scene.info.objects)
     deepest, where = 0.0, ""
@@ -191,12 +191,13 @@ def _shut_targets(condition: Condition) -> tuple[str, ...]:
 
 
 def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp for each object of the instruction that is not at its goal yet.
+    """Plan a grasp for each object in the instruction that is not at its goal yet.
 
     Returns:
-        Reason why no grasp was found for an object, or None if one was found, by name of the object. Drawers always
-        have a reason, because grasping their handle is not planned here. The second value is the smallest distance
-        between an arm joint and its limit in the planned grasps [rad], or None if there is no plan.
+        Two values. The first maps the name of each object to the reason why no grasp was found, or to None if one was
+        found. Drawers always have a reason, because grasps of their handles are not planned here. The second value is
+        the smallest distance between an arm joint and its limit in the planned grasps [rad], or None if there is no
+        plan.
     """
     condition = scene.condition
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
@@ -223,7 +224,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return the result of clause (d) of a certificate: each object can be grasped, or the expert succeeds anyway."""
+    """Return the result of clause (d) of a certificate: every object can be grasped, or the expert succeeds anyway."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
@@ -237,13 +238,13 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """Episode of the expert and the motion primitives in it.
+    """Result of running the expert in a scene, with the motion primitives of its episode.
 
     Attributes:
         problem: Reason why the expert failed. Empty if it solved the trial.
         steps: Number of control steps.
         primitives: Motion primitives, in order.
-        left: Objects that are at a target in the last state.
+        left: Objects that are at a target when the episode ends.
     """
 
     problem: str
@@ -293,7 +294,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Describe why the expert has failed."""
+    """Describe the reason why the expert has failed."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]

@@ -2,7 +2,8 @@
 
 A **pick** contains the last pose in which the object was at rest before the gripper touched it. A **put** contains the
 point at which the object was released, and the resulting relation between the object and a target. A **slide** is a
-motion of a drawer along its rails. A **pre-placed** object is at its target from the start; its pose is stored.
+motion of a drawer along its rails. An object is **pre-placed** if it is at its target from the start, in which case its
+pose is stored.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ LONGEST_CHAIN = 8
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Pick of an object, found in an episode.
+    """Motion primitive in which the gripper picks up an object.
 
     ``pose`` is the last pose ``T_world_object`` in which the object was at rest before the gripper touched it.
     """
@@ -38,10 +39,10 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Point at which an object was released [m].
+    """Position of an object when the gripper released it [m].
 
-    The height is that of the object's base above the table. The position is given in the frame of the target, relative
-    to the center of the target region.
+    The height is that of the object's base above the table. The horizontal position is given in the frame of the
+    target, relative to the center of the target region.
     """
 
     height_m: float
@@ -51,20 +52,21 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Put of an object, found in an episode, with the target and the slot below the target.
+    """Motion primitive in which the gripper puts down an object. It names the target and the slot below the target.
 
     Attributes:
         kind: Kind of the object.
         asset: Identity of the object's asset.
-        relation: Name of the relation to the target, or None if the object was dropped on the way.
-        region: Region of the target, if the target has several.
+        relation: Name of the object's relation to the target, or None if the object was dropped on the way.
+        region: Region of the target, if the target has several regions.
         slot: Slot of the target or of the support below it, or None if there is none.
-        level: Number of objects between this object and the slot. The mount of a drawer does not count.
+        level: Number of objects between this object and the slot. The cabinet in which a drawer is mounted does not
+            count.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the target's asset.
-        target_pose: Pose ``T_world_middle`` of the center of the target region at that time. Without a target, it is
-            equal to ``pose``.
-        release: Point at which the object was released.
+        target_pose: Pose ``T_world_middle`` of the center of the target region when the object came to rest. Without a
+            target, it is equal to ``pose``.
+        release: Position of the object when the gripper released it.
     """
 
     object: str
@@ -104,7 +106,7 @@ class Preplaced:
 
     @property
     def place(self) -> tuple[str, str, str]:
-        """Kind, asset and region of the target."""
+        """Kind of the target, asset of the target, and target region, in which the object is pre-placed."""
         return self.target_kind, self.target_asset, self.region
 
 
@@ -121,7 +123,7 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Tracker of the motion primitives in an episode. Give it every state since the reset, in order."""
+    """Tracker of the motion primitives in an episode. It must be given all states since the reset, in order."""
 
     def __init__(self, task: Task, condition: Condition, *, finger_moves_m: float = 0.0) -> None:
         """Prepare for an episode.
@@ -130,8 +132,8 @@ class Handling:
             task: Task of the episode.
             condition: Condition of the episode.
             finger_moves_m: Distance that the gripper moves to bring its fixed finger into contact before the jaw closes
-                [m]; see ``Jaw.closing_shift_m``. Pushing an object by at most this distance counts as part of grasping
-                it, even if contact is lost before the jaw closes. It is 0 for parallel jaws.
+                [m]; see ``Jaw.closing_shift_m``. It is 0 for parallel jaws. If the gripper pushes an object by at most
+                this distance, the push counts as part of the grasp, even if contact is lost before the jaw closes.
         """
         self._finger_moves_m = finger_moves_m
         self._condition = condition
@@ -191,10 +193,9 @@ class Handling:
         return (*self._found, *self._slid.values())
 
     def left(self) -> tuple[Preplaced, ...]:
-        """Return the objects that ended in positions in which objects may also be at the start of a trial.
+        """Return the objects whose final position is one in which objects may also be at the start of another trial.
 
-        Their final poses may differ from their poses after they were put down, because objects placed later can move
-        them.
+        An object's final pose may differ from the pose after it was put down, because objects placed later can move it.
         """
         state, relation = self._last, self._relations[0]
         if state is None or relation.surface is None:
@@ -270,7 +271,10 @@ def _middle_of(state: WorldState, target: str, relation: str | None, region: str
 
 
 def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
-    """Return the objects that are at rest at a target at the start. Their order does not depend on their names."""
+    """Return the objects that are at rest at a target when the episode starts.
+
+    The order of the returned objects does not depend on their names.
+    """
     found = []
     for name, place in condition.preplaced.items():
         pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)
@@ -288,9 +292,9 @@ def _in_fingers(state: WorldState, name: str) -> bool:
 
 
 def ground_of(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
-    """Return the slot below an object (or None), its level above the slot, and the lowest object of the stack.
+    """Return the slot below an object (or None), the object's level above the slot, and the lowest object of the stack.
 
-    Mounts of drawers do not count as a level.
+    The cabinets in which drawers are mounted do not count as levels.
     """
     level = 1
     for _ in range(LONGEST_CHAIN):

@@ -1,7 +1,7 @@
-"""Journal of a certification, with which it can be resumed.
+"""Journal of a certification. After an interruption, the certification is resumed from it.
 
-The first line contains the versions. Every further line contains one trial and is synchronized to disk. In journals of
-version 2, each line is linked to the previous one by a hash. Journals of version 1 are read with a warning.
+The first line contains the versions. Every further line contains one trial and is flushed to the disk. In journals of
+version 2, each line is linked to the previous one by a hash. Journals of version 1 can be read, with a warning.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CURE = "Restore the file from a copy, or work in a new folder"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
-    """First line of a journal, with the kind of the journal and the versions with which it was created."""
+    """First line of a journal: the kind of the journal, and the versions with which it was created."""
 
     form: str
     package_version: str = ""
@@ -41,7 +41,10 @@ class JournalHeader:
     robot: str = USUAL_ROBOT
 
     def to_json(self) -> dict[str, Any]:
-        """Return the header as a JSON-serializable dict. As in earlier journals, the default robot is left out."""
+        """Return the header as a JSON-serializable dict.
+
+        The default robot is left out, as in journals of earlier versions.
+        """
         form = asdict(self)
         if self.robot == USUAL_ROBOT:
             del form["robot"]
@@ -121,7 +124,7 @@ class VersionedJournal(LineJournal):
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield the lines after the header, as :func:`~betterbench.jobs.line_journal.linked_forms` does."""
+    """Yield the JSON value of each line after the header. See :func:`~betterbench.jobs.line_journal.linked_forms`."""
     header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
     before = link_after("", header.to_json())
     yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)
@@ -146,7 +149,7 @@ class CertificationJournal(VersionedJournal):
         return round(sum(self._sessions.values()), 3)
 
     def append(self, trial: TrialCertificate, *, session: str, elapsed_s: float) -> None:
-        """Append a trial that has been examined, and synchronize the file to disk."""
+        """Append a trial that has been examined, and flush the file to the disk."""
         self._append_form(asdict(_Line(trial, self._versions.tasks[trial.task], session, round(elapsed_s, 3))))
         self.trials[trial.key] = trial
         self._sessions[session] = elapsed_s

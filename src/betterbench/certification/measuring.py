@@ -1,4 +1,4 @@
-"""Measurement of demonstrations of several tasks, with worker processes and a journal."""
+"""Measurement of the demonstrations of several tasks, using worker processes and a journal."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class DemonstrationJournal(VersionedJournal):
         super().__init__(folder / DEMONSTRATIONS_NAME, versions)
 
     def append(self, found: Demonstration) -> None:
-        """Append a demonstration that has been measured, and synchronize the file to disk."""
+        """Append a demonstration that has been measured, and flush the file to the disk."""
         self._append_form(asdict(_Line(found, self._versions.tasks[found.task])))
         self.found[found.key] = found
 
@@ -68,14 +68,14 @@ def measure(
     robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure demonstrations of some tasks.
+    """Measure the demonstrations of the given tasks.
 
-    Demonstrations that are already in the journal in the folder are not repeated.
+    Demonstrations that the journal in the folder already contains are not repeated.
 
     Args:
         tasks: Names of the tasks.
         out: Folder of the journal.
-        number: Number of demonstrations per task. The training conditions take turns.
+        number: Number of demonstrations per task. They use the training conditions in turn.
         workers: Number of worker processes.
         robot: Name of the robot.
         on_progress: Function that is called at the start of each pass and after every demonstration.
@@ -121,7 +121,10 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId)
 
 
 def destination(task: str) -> Path | None:
-    """Return the file next to the user's file that defines a task. Return None for a task of a packaged suite."""
+    """Return the file to which the measurements of a task in a user file are written. It is next to the user file.
+
+    Return None for a task of a packaged suite.
+    """
     own = companion_of(task)
     return None if own is None else own.path
 

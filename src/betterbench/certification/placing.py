@@ -1,4 +1,4 @@
-"""Adaptation of a task to another robot, which determines where the base stands and which objects it can reach.
+"""Adaptation of a task to another robot: determines where the robot's base stands and which objects it can reach.
 
 All positions of a task are given in the base frame of its original robot. For another robot, the base is moved to the
 position from which this robot reaches the most slots, while the slots stay where they are. The result is a separate
@@ -40,8 +40,8 @@ class Placed:
     """Task that has been adapted to another robot.
 
     Attributes:
-        task: Adapted task. It is named after the original task and the robot. "placed" is added if a packaged task
-            already has this name.
+        task: Adapted task. It is named after the original task and the robot. If a packaged task already has this name,
+            "placed" is added to it.
         base_m: Position of the robot's base, in the base frame of the original robot [m].
         outside: Names of the slots that the robot cannot reach from this position.
     """
@@ -53,13 +53,13 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class GraspCount:
-    """Number of trials in which a grasp of one object could be planned.
+    """Number of trials in which a grasp could be planned for a certain object.
 
     Attributes:
         name: Name of the object.
         planned: Number of trials in which a grasp was found.
         trials: Number of trials in which the object must be grasped.
-        reason: Most frequent reason why no grasp was found. Empty if a grasp was always found.
+        reason: Most frequent reason why no grasp was found. Empty if a grasp was found in every trial.
     """
 
     name: str
@@ -70,7 +70,7 @@ class GraspCount:
 
 @dataclass(frozen=True, slots=True)
 class Feasibility:
-    """Feasibility of a task for its robot, measured in the training conditions.
+    """Result of checking in the training conditions whether a robot can do a task.
 
     Attributes:
         solved: Number of trials that the expert solved.
@@ -88,7 +88,7 @@ class Feasibility:
 def ring_of(spec: RobotSpec) -> tuple[float, float]:
     """Return the smallest and the largest horizontal distance from the center of reach at which a robot can grasp [m].
 
-    The tool points straight down in these grasps.
+    The values apply to grasps in which the tool points straight down.
     """
     limits = spec.steering
     up = OBJECT_HEIGHT_M + limits.back_m - limits.center[2]
@@ -99,12 +99,12 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 def place_task(task: Task, spec: RobotSpec) -> Placed:
     """Adapt a task to another robot. The base is moved to the position from which the fewest slots are out of reach.
 
-    If several positions are equal in this respect, the one is chosen whose slots are closest to the middle of the
-    reach. Raises InvalidInputError if the task is already made for this robot.
+    Among equally good positions, the one is chosen for which the slots are closest to the middle of the robot's reach.
+    Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:
         problem = f"{task.id} is already laid out for robot {spec.name!r}"
-        raise InvalidInputError("--robot", problem, "Give another robot, or use the original task")
+        raise InvalidInputError("--robot", problem, "Choose another robot, or use the original task")
     form = task_to_json(task)  # includes the slots that operations add
     slots = np.array([(slot["x"], slot["y"]) for slot in form["slots"]])
     near, far = ring_of(spec)
@@ -130,9 +130,9 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
 
 
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:
-    """Plan grasps from the initial state and run the expert, for each training condition and each of the first seeds.
+    """Check whether a robot can do a task by planning grasps from the initial state and running the expert.
 
-    ``on_trial`` is called after each trial.
+    This is done for each training condition with each of the first seeds. ``on_trial`` is called after each trial.
     """
     solved, total = 0, 0
     tried, planned, problems = Counter[str](), Counter[str](), Counter[str]()

@@ -1,4 +1,4 @@
-"""Check that a certificate covers the trials of a run."""
+"""Check that a certificate covers the trials of a run before the run starts."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ _NAMED = 5
 def require_certified(plan: Plan, certificate: Path | None = None) -> str:
     """Check that a certificate covers every trial of a plan.
 
-    Return a note about trials without certificate or solution.
+    Return a note about trials that are not certified or that the expert did not solve.
 
-    If no path is given, the certificate of the suite is used, from the package or from the folder of the suite. If it
-    covers only the appearance of demonstrations ("seen"), a plan with "unseen" looks is accepted, and the note says
-    that it is not certified. The note is empty if all trials are certified and were solved by the expert.
+    If no path is given, the certificate of the suite is used, which is in the package or in the folder of the suite. If
+    this certificate covers only objects and rooms with the appearance of the demonstrations ("seen"), a plan with
+    "unseen" looks is still accepted, and the note says that its trials are not certified. The note is empty if all
+    trials are certified and were solved by the expert.
 
     Raises:
         InvalidInputError: If a trial is not covered. The message names the first such trial and the remedy.
@@ -52,8 +53,8 @@ def require_coverage(
 ) -> str:
     """Check that a certificate covers all planned trials. Return a note about trials that the expert did not solve.
 
-    The note is empty if the expert solved all trials. The ``seed`` and ``trials_per_variation`` of the run appear in
-    the command that the message suggests.
+    The note is empty if the expert solved all trials. The message of an error suggests a command, which contains the
+    ``seed`` and ``trials_per_variation`` of the run.
 
     Raises:
         InvalidInputError: If a trial is not covered. The message names the first such trial and the remedy.
@@ -66,7 +67,7 @@ def require_coverage(
         unmeasured = [t for t in own if demonstrated_if_measured(get_task(t), engine=engine_version()) is None]
         raise InvalidInputError(
             f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
-            f"it is not certified ({gap.reason})",
+            f"the trial is not certified ({gap.reason})",
             cure_for(
                 gap,
                 tasks=() if whole else versions,

@@ -1,4 +1,4 @@
-"""Certification of many trials in worker processes, with a journal and, at the end, a certificate."""
+"""Certification of many trials in worker processes. It writes a journal and, at the end, a certificate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 
 def versions_in_use(tasks: Sequence[str], *, robot: str = USUAL_ROBOT) -> CertificateVersions:
-    """Return the versions in use on which a certificate for some tasks and a robot depends."""
+    """Return the current versions on which a certificate for the given tasks and robot depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers, robot=robot)
 
@@ -43,7 +43,7 @@ def certify(
     robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that is not yet in the journal in the folder, and write ``certificate.json``.
+    """Examine every trial that the journal in the folder does not contain yet, and write ``certificate.json``.
 
     Returns:
         Certificate of these trials, in the given order.
@@ -58,7 +58,7 @@ def certify(
     if not trials:
         raise InvalidInputError("trials", "there are no trials to certify", "Give at least one trial")
     if not 1 <= workers <= 256:
-        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
+        raise InvalidInputError("--workers", f"{workers} is out of range", "Use a number from 1 to 256")
     for trial in trials:
         resolve_condition(trial.task, trial.condition)
     versions = replace(versions_in_use([t.task for t in trials], robot=robot), looks=looks)
@@ -87,7 +87,7 @@ def certify(
 
 
 def write_coverage(certificate: Certificate | Coverage, path: Path) -> Path:
-    """Write the coverage of a certificate, with one condition per line. Return the path."""
+    """Write the coverage of a certificate as JSON, with one condition per line. Return the path of the file."""
     coverage = certificate if isinstance(certificate, Coverage) else Coverage.of(certificate)
     form = sealed_form({"version": 2, **coverage.to_json()})
     lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
@@ -97,5 +97,5 @@ def write_coverage(certificate: Certificate | Coverage, path: Path) -> Path:
 
 
 def write_json(path: Path, form: object) -> None:
-    """Write a JSON document to a file that survives a power failure."""
+    """Write a JSON document to a file and flush it to the disk, so that it is not lost in a power failure."""
     write_durably(path, (json_text(form, indent=1, allow_nan=False) + "\n").encode())

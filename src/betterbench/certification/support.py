@@ -1,6 +1,6 @@
-"""Support of a training distribution: which picks, placements and drawer movements occur in training.
+"""Support of a training distribution: the picks, placements and drawer movements that occur in training.
 
-The motion primitives of an episode are compared with it.
+The motion primitives of an episode are compared with this support.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Result for one motion primitive.
+    """Result of comparing one motion primitive with the training distribution.
 
     Attributes:
         text: Description of the primitive.
         problem: Reason why the primitive is outside the training distribution, or None if it is inside.
-        slack_m: Distance to the border of the region in which training varies the position [m]. Negative outside the
-            region. None if there is no such region.
+        slack_m: Distance from the primitive's position to the border of the region in which this position varies in
+            training [m]. It is negative outside the region, and None if there is no such region.
     """
 
     text: str
@@ -54,16 +54,16 @@ class Apart(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainedSupport:
-    """Support of the training distribution of a task.
+    """Support of a task's training distribution.
 
     Attributes:
         demonstrated: Release points and final poses in training demonstrations.
         relation: Relation between pre-placed objects and their target.
-        pick_slots: Slots from which training picks.
-        grasped: Kinds of objects that training picks.
-        targets: Relation, kind of target and region of every placement.
-        spots: Slot, relation, region and level of every placement.
-        slides: Kind and slot of every drawer that is closed.
+        pick_slots: Slots from which objects are picked in training.
+        grasped: Kinds of objects that are picked in training.
+        targets: Relation, kind of target and region of every placement in training.
+        spots: Slot, relation, region and level of every placement in training.
+        slides: Kind and slot of every drawer that is moved in training.
         slots: All slots of the task by name.
     """
 
@@ -78,7 +78,7 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the motion primitives of the training conditions and of the demonstrations.
+        """Collect the motion primitives that occur in a task's training conditions and demonstrations.
 
         Closing a drawer is a slide. Every other subgoal consists of a pick of its object and a put at its target.
         """
@@ -115,9 +115,9 @@ class TrainedSupport:
         )
 
     def judge_all(self, primitives: Sequence[Primitive]) -> tuple[Found, ...]:
-        """Return the result for each primitive of an episode.
+        """Compare all motion primitives of an episode with the training distribution. Return one result per primitive.
 
-        Pre-placed objects at the same target are judged together.
+        Objects that are pre-placed at the same target are judged together.
         """
         places: dict[tuple[str, str, str], list[Preplaced]] = {}
         for p in primitives:
@@ -183,7 +183,10 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Describe how a release deviates from the releases in demonstrations at the same target, or return None."""
+        """Describe how a release deviates from the releases at the same target in training.
+
+        Return None if it does not deviate.
+        """
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -213,7 +216,7 @@ class TrainedSupport:
     def _apart(self, there: Sequence[Preplaced]) -> Apart | None:
         """Return how much several objects at one target deviate from the most similar demonstration.
 
-        None if no demonstration that was measured has the same assets there.
+        Return None if no measured demonstration has the same assets at this target.
         """
         known = self.demonstrated.joint_poses_at(there[0].target_asset, self.relation, there[0].region)
         deviations = []
@@ -242,7 +245,7 @@ def _is_near(pose: Pose, trained: FlatPose) -> bool:
 
 
 def _offset_m(pose: Pose, trained: FlatPose) -> float:
-    """Return the horizontal distance between two poses at a target [m]."""
+    """Return the horizontal distance between two poses that are relative to the same target [m]."""
     return math.dist(pose.position[:2], (0.001 * trained.x_mm, 0.001 * trained.y_mm))
 
 

@@ -19,9 +19,10 @@ class Question(NamedTuple):
     Like :class:`Reply`, it is a named tuple for speed, since every control step creates one.
 
     Attributes:
-        seen: Start of the episode (no actions are requested), observation, or privileged state.
-        wanted_in: Number of control steps that can be executed before the reply is needed. 0 if the episode must wait
-            for the reply.
+        seen: Input for which actions are requested, which is an observation or a privileged state. For the request at
+            the start of an episode, which asks for no actions, it is the description of the episode.
+        wanted_in: Number of control steps that can be executed before the reply is needed. It is 0 if the episode must
+            wait for the reply.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -29,11 +30,11 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Reply of a policy, and the time it took.
+    """Reply of a policy, and the time that the policy took.
 
     Attributes:
-        actions: Array of any shape and type that the policy returned. It has not been checked. Empty at the start of an
-            episode.
+        actions: Array that the policy returned. Its shape and type have not been checked yet. It is empty in the reply
+            at the start of an episode.
         took_s: Time from the request to the reply [s].
     """
 
@@ -70,10 +71,11 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Context manager that converts exceptions of a policy to a :class:`PolicyError`, which ends only this trial.
+    """Context manager that converts an exception of a policy to a :class:`PolicyError`.
 
-    Two errors concern the whole run and are not converted: that the server cannot be reached, and that its conventions
-    have changed. The context manager has no state, so all callers share one instance.
+    This ends only the current trial. Two errors concern the whole run and are therefore not converted: the policy's
+    server cannot be reached, or its conventions have changed. The context manager has no state, so all callers share
+    one instance.
     """
 
     __slots__ = ()
@@ -84,7 +86,7 @@ class PolicyBoundary:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Raise PolicyError if the policy has raised an exception."""
+        """Raise a PolicyError if the code in this context has raised an exception."""
         if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
             raise PolicyError(described(problem)) from problem
 

@@ -1,4 +1,4 @@
-"""Execution of action chunks: when a chunk is requested, and which action is executed at each control step."""
+"""Execution of action chunks: when the next chunk is requested, and which action is executed at each control step."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Chunks:
     def __init__(
         self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
-        """Prepare for an episode that started at the time ``began`` on the clock ``time.perf_counter`` [s]."""
+        """Prepare for an episode that started at time ``began`` [s], as measured by ``time.perf_counter``."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
@@ -54,7 +54,7 @@ class Chunks:
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Give the policy its next instruction. Its remaining actions for the previous instruction are dropped."""
+        """Give the policy its next instruction. Actions that are left from the previous instruction are dropped."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -67,8 +67,8 @@ class Chunks:
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
         """Return the action to execute now.
 
-        Raises InvalidActionError if a reply is not an array of actions. A ``privileged`` policy is called directly in
-        this thread, so nothing is yielded.
+        Raises InvalidActionError if a reply is not an array of actions. If ``privileged`` is given, this policy is
+        called directly in this thread, so no requests are yielded.
         """
         if privileged is not None:
             return self._next_of(privileged, state)
@@ -99,12 +99,10 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images for the next request if it is made at this step.
+        """If the next request is made at this step, render its images now. Call this before any other use of the state.
 
-        Call this before any other use of the state.
-
-        Rendering evicts data from the CPU caches. In this order, the caches are filled again only once before the next
-        action.
+        Rendering evicts data from the CPU caches. If it comes first, the caches have to be filled only once before the
+        next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -118,20 +116,20 @@ class Chunks:
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Store the duration [s] of a step in a scene that renders during steps, and whether this step rendered."""
+        """Store how long a step took [s] in a scene that renders during steps, and whether it rendered images."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
         """Return the time that rendering took in scenes that render during steps [s].
 
-        It is the time by which steps with images take longer than steps without images. It is 0 if every step has
-        images, since the two cannot be separated then.
+        The time is estimated as the difference between steps with images and steps without images. It is 0 if every
+        step has images, since rendering cannot be separated from simulation then.
         """
         plain, drawn = self._world_steps[False], self._world_steps[True]
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
 
     def wall_figures(self) -> dict[str, float]:
-        """Return the wall-clock time that the episode and its parts took [s]."""
+        """Return the wall-clock time of the whole episode and of its parts [s]."""
         now = time.perf_counter()
         drawn_s = self._drawn_in_world_s()
         simulated = self._simulation_s + now - self._resumed - self._observe_s - drawn_s
@@ -147,9 +145,9 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether the next chunk is requested while actions are left.
+        """Return whether the next chunk is requested before all actions of the current chunk are used.
 
-        It is not requested near the end of the episode.
+        If the current chunk lasts until the step limit of the episode, no further chunk is requested.
         """
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
@@ -173,14 +171,14 @@ class Chunks:
         return observation
 
     def _answered(self, reply: Reply | None) -> np.ndarray:
-        """Return the array in a reply."""
+        """Note the time that a reply took, and return the array in it."""
         if reply is None:
             raise AssertionError("unreachable: a reply was due")
         self._latencies.append(reply.took_s)
         return reply.actions
 
     def _queue_up(self, answer: np.ndarray, passed: int) -> None:
-        """Queue the actions in a reply. The first ``passed`` actions are left out, because their steps have passed."""
+        """Queue the actions in a reply, except the first ``passed`` ones, whose control steps have already passed."""
         queue = self._queue
         chunk = checked_chunk(answer, self._scene.action_space)
         horizon = self._limit if self._execution.horizon is None else self._execution.horizon
@@ -236,10 +234,10 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
 
 
 def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
-    """Return the weighted mean (dim,) of predictions (n, dim) for one step, of which the oldest comes first.
+    """Return the weighted mean (dim,) of several predictions (n, dim) for one step, of which the oldest comes first.
 
-    The weights are exp(-m i) for the rate m, with i = 0 for the oldest prediction. A quaternion and its negative are
-    the same rotation, so the signs are made equal first.
+    Prediction i has the weight exp(-m i) with the given rate m; i = 0 is the oldest prediction. Since a quaternion and
+    its negative are the same rotation, the signs of quaternions are made equal first.
     """
     if "qw" in space.components:
         first = space.components.index("qw")

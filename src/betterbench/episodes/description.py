@@ -11,9 +11,10 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Facts about a trial that are not part of its scene.
+    """Facts about a trial that cannot be read from its scene.
 
-    The facts about variations are None for a training condition. ``camera_preset`` is None without images.
+    Facts that only variations have are None for a training condition. ``camera_preset`` is None if the policy gets no
+    images.
     """
 
     policy: str
@@ -28,7 +29,7 @@ class TrialContext:
 def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> RecordMetadata:
     """Return the metadata for the record of an episode.
 
-    They depend only on the trial, not on the time or the machine.
+    It depends only on the trial, not on the time or the machine.
     """
     found = scene.described(images=context.camera_preset is not None)
     return RecordMetadata(

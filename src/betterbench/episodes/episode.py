@@ -35,9 +35,9 @@ class EpisodeResult:
     """Result of an episode.
 
     Attributes:
-        record: Privileged record, which depends only on the trial and the policy.
-        wall: Wall-clock times of the episode's parts, which are not part of the record [s].
-        states: State in each row of the record.
+        record: Record of the episode including privileged state. It depends only on the trial and the policy.
+        wall: Wall-clock time that each part of the episode took [s]. These times are not part of the record.
+        states: Simulation state for each row of the record.
     """
 
     record: Record
@@ -76,9 +76,9 @@ def run_episode(
 ) -> EpisodeResult:
     """Run one episode from the reset to its end, with a policy that answers in this thread.
 
-    If an observer is given, the method ``act`` of the policy is called, otherwise ``act_on_state``. ``disturb`` is only
-    for demonstrations. The record then contains the action of the demonstrator as ``action``, and the executed action
-    as ``applied``.
+    If an observer is given, the method ``act`` of the policy is called, otherwise ``act_on_state``. ``disturb`` adds
+    noise to the actions of a demonstration. The record then contains the action of the demonstrator as ``action``, and
+    the executed action as ``applied``.
 
     Raises:
         PremiseError: If the scene contradicts what the instruction assumes.
@@ -133,10 +133,10 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from the reset to its end, and yield each request to the policy.
 
-    In this way, one thread can run many episodes alternately. The result does not depend on how long replies take. If
-    an observer is given, each request is yielded when it is made, and None is yielded when the episode must wait for
-    the reply to the last request. Without an observer, nothing is yielded: ``privileged`` is called directly with the
-    privileged state.
+    One thread can thus run many episodes in turn. The result does not depend on how long the replies take. If an
+    observer is given, each request is yielded when it is made, and None is yielded when the episode must wait for the
+    reply to the last request. Without an observer, nothing is yielded, because the policy ``privileged`` is called
+    directly with the privileged state.
 
     Raises:
         PremiseError: If the scene contradicts what the instruction assumes.
@@ -182,7 +182,7 @@ def episode_steps(
 
 
 def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Execute the control step that leads to ``step``, in a scene that renders during the step."""
+    """Execute the control step that leads to step number ``step``, in a scene that renders images during the step."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -192,12 +192,13 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge of an episode. It judges states in blocks, which end before the episode can succeed.
+    """Recorder and judge of an episode.
 
-    Between two physics steps, the CPU caches are cold, and judging states one at a time takes two to three times as
-    long as judging several at once. A goal must hold for some time, so no decision depends on the states in the current
-    block. The loop takes 1.15 to 1.16 times as long as the physics alone, and 1.21 to 1.32 times if every state is
-    judged immediately (measured by ``make bench ARGS="--only step"`` on 2026-11-26, minimum time per block, three
+    It judges several states at once, in blocks that end before success is possible. Between two physics steps, the CPU
+    caches are cold, so judging states one at a time takes two to three times as long as judging several at once. A goal
+    must hold for some time before it counts, so no decision depends on the states in the current block. With blocks,
+    the loop takes 1.15 to 1.16 times as long as the physics alone. If every state is judged immediately, it takes 1.21
+    to 1.32 times as long (measured by ``make bench ARGS="--only step"`` on 2026-11-26, minimum time per block, three
     tasks).
     """
 
@@ -208,14 +209,14 @@ class _Judge:
         self._block = 1
 
     def see(self, state: WorldState, action: np.ndarray | None, applied: np.ndarray | None) -> None:
-        """Add the next state and the action that led to it, and update ``success``."""
+        """Add the next state and the action that led to it. Update ``success`` when a block is complete."""
         self._builder.append_state(state, **self._simulator_state(), action=action, applied=applied)
         self._waiting.append(state)
         if len(self._waiting) >= self._block:
             self._judge()
 
     def finished(self) -> tuple[RecordBuilder, bool]:
-        """Judge the remaining states. Return the builder of the record, and whether the last state is a success."""
+        """Judge the states that are left. Return the builder of the record, and whether the last state is a success."""
         self._judge()
         return self._builder, self.success
 

@@ -35,23 +35,23 @@ rad/s, the reach is within 1.2 m, and grippers open by at most 0.1 m.
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """Environment for a task in one condition. Each reset starts the trial of a seed.
+    """Gymnasium environment for a task in one condition. Each reset starts the trial that belongs to the given seed.
 
     Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (n,) [rad],
     ``joint_velocities`` (n,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
-    The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
-    success, otherwise 0. Observations contain no privileged state. ``info`` contains the state of the goal, for
-    training and evaluation code.
+    The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. The reward is 1 at the step in
+    which the goal is reached, otherwise 0. Observations contain no privileged state. The state of the goal is in
+    ``info``, for use in training and evaluation code.
 
     Args:
         task: ID of the task.
-        variation: Name of a variation or training condition. By default, it is the first training condition.
+        variation: Name of a variation or training condition. By default, the first training condition.
         observation: Name of an observation preset.
-        action_space: Name of an action space. By default, it is the usual one of the robot.
+        action_space: Name of an action space. By default, the standard action space of the robot.
         quality: Name of a rendering preset.
-        looks: Appearance of objects and rooms: "seen" (as in demonstrations) or "unseen".
-        robot: Name of a robot. By default, it is the robot for which the task is made. Joint measurements have one
-            entry per arm joint.
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
+        robot: Name of a robot. By default, the robot for which the task is made. The arrays of joint positions and
+            velocities have one entry per arm joint.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -69,7 +69,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         robot: str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Check all names. Scenes are compiled by :meth:`reset`."""
+        """Check that all names are known. The scene is not compiled until :meth:`reset` is called."""
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError("render_mode", f"{render_mode!r} is not supported", "Use 'rgb_array' or None")
         found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
@@ -160,7 +160,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Close all renderers and delete the scene. The next reset creates new ones."""
+        """Close all renderers and delete the scene. The next reset creates them again."""
         self._observer.close()
         self._scene = self._tracker = None
         if self._renderer is not None:
@@ -173,7 +173,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._form(self._observer.observe(self._scene, state))
 
     def _form(self, seen: Observation) -> dict[str, Any]:
-        """Convert an observation to the format of the observation space."""
+        """Convert an observation to the format that the observation space declares."""
         return {
             **seen.images,
             "joint_positions": seen.joint_positions,

@@ -1,7 +1,8 @@
-"""Lazy vector environments: environments are created at reset, for one vector environment of a group at a time.
+"""Vector environments that create their environments at the first reset, not when they are constructed.
 
-LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. After a
-reset, each environment holds a scene of about 25 MB and, if it runs in a separate process, an interpreter.
+Only one vector environment of a group has open environments at a time. LeRobot creates the vector environments of all
+conditions before the first episode, but uses only one at a time. After a reset, each environment holds a scene of about
+25 MB and, if it runs in a separate process, an interpreter.
 """
 
 from __future__ import annotations
@@ -31,12 +32,15 @@ class ActiveEnv:
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """Base class of both vector environments, which opens the environments at the first reset and after a close."""
+    """Base class of the lazy vector environments.
+
+    It opens their environments at the first reset and at each reset after a close.
+    """
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
-        """Store the factories.
+        """Store the functions that create the environments. No environment is created yet.
 
-        Environments are not created yet. ``group`` is the group to which this vector environment belongs.
+        ``group`` is the group of vector environments to which this one belongs.
         """
         self._make, self._group, self._empty = tuple(make), group, True
         self.num_envs = len(self._make)
@@ -71,7 +75,7 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
     """Lazy vector environment with one process per environment.
 
-    ``envs`` contains the ``stand_ins``, which are in this process.
+    LeRobot reads attributes of ``envs``, which therefore contains ``stand_ins`` in this process.
     """
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:

@@ -1,8 +1,8 @@
-"""Environments for LeRobot: ``make_env`` returns every condition as a vector environment.
+"""Environments for LeRobot: ``make_env`` returns one vector environment per condition.
 
-``lerobot-eval`` reads the instruction from attributes of the environments, with ``hasattr``. Gymnasium's wrappers would
-hide these attributes, so the environments are never wrapped. This module does not import LeRobot. LeRobot imports
-:mod:`betterbench.episodes.envhub`.
+``lerobot-eval`` checks with ``hasattr`` for attributes of the environments that contain the instruction. Gymnasium's
+wrappers would hide these attributes, so the environments are never wrapped. This module does not import LeRobot;
+LeRobot imports :mod:`betterbench.episodes.envhub`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ gymnasium.register(
 
 
 class _Seen:
-    """Stand-in for an environment in another process. It has the attributes that LeRobot looks up with ``hasattr``."""
+    """Stand-in for an environment that runs in another process.
+
+    It has the attributes that LeRobot checks with ``hasattr``.
+    """
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description
@@ -50,11 +53,11 @@ def make_env(
     conditions: str | Sequence[str] | None = None,
     **settings: Any,  # noqa: ANN401 - passed on to LeRobotTaskEnv, which names and checks each
 ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-    """Return the vector environments of all conditions, in the format that LeRobot's hub expects.
+    """Return one vector environment per condition, in the format that LeRobot's environment hub expects.
 
     Args:
         n_envs: Number of environments per condition.
-        use_async_envs: Whether each environment has its own process.
+        use_async_envs: Whether each environment runs in its own process.
         cfg: LeRobot's configuration of the environment. Its ``task`` replaces ``conditions``, and its attributes named
             in :data:`SETTINGS` replace ``settings``.
         conditions: Tasks ("fast_food" stands for all its conditions) and conditions ("fast_food/T1",
@@ -73,7 +76,9 @@ def make_env(
         raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give a number of at least 1")
     if getattr(cfg, "max_parallel_tasks", 1) > 1:
         raise InvalidInputError(
-            "max_parallel_tasks", "rendering is limited to one thread", "Leave this value at 1 and increase n_envs"
+            "max_parallel_tasks",
+            "rendering is limited to one thread",
+            "Leave max_parallel_tasks at 1 and increase n_envs instead",
         )
     wanted = conditions if conditions is not None else getattr(cfg, "task", None)
     given = {name: value for name in SETTINGS if (value := getattr(cfg, name, None)) is not None} | settings

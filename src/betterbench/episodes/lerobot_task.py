@@ -21,11 +21,10 @@ from betterbench.tasks import Truth
 
 
 def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the state in the format of policies trained on LIBERO.
+    """Return the robot state (8,) float32 in the format that policies trained on LIBERO expect.
 
-    Returns:
-        Array (8,) float32: tool position [m], rotation vector [rad], and the positions of both fingers [m], the second
-        of which is negative as in robosuite. The rotation vector is continuous around a tool that points down.
+    It consists of the tool position [m], the rotation vector [rad], and the positions of both fingers [m], the second
+    of which is negative as in robosuite. The rotation vector changes continuously while the tool points down.
     """
     del actions
     finger = 0.5 * seen.gripper_width
@@ -61,12 +60,12 @@ def require_motors(actions: ActionSpace) -> None:
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Layout of the state in a policy's input.
+    """Layout of the robot state in a policy's input.
 
     Attributes:
-        read: Function that returns the state (float32) for an observation and an action space.
+        read: Function that returns the state (float32), given an observation and an action space.
         size: Number of values. None stands for one value per arm joint and one for the gripper.
-        bound: Bound that no value can exceed.
+        bound: Upper bound of the absolute value of every entry.
     """
 
     read: Callable[[Observation, ActionSpace], np.ndarray]
@@ -89,7 +88,7 @@ STATES: Mapping[str, StateLayout] = {
 
 
 def state_layout(name: str) -> StateLayout:
-    """Return the state layout with a name. Raises UnknownNameError if there is none."""
+    """Return the state layout with the given name. Raises UnknownNameError if the name is unknown."""
     if name not in STATES:
         raise UnknownNameError("state layout", name, STATES)
     return STATES[name]
@@ -98,18 +97,20 @@ def state_layout(name: str) -> StateLayout:
 class LeRobotTaskEnv(TaskEnv):
     """Environment for a task in one condition, with the observation keys that LeRobot expects.
 
-    Observation: ``pixels`` contains one (height, width, 3) uint8 image per camera, upright as in ``better eval``.
-    ``agent_pos`` is the state (float32). ``info["is_success"]`` is set at the reset and at every step.
+    In an observation, ``pixels`` contains one (height, width, 3) uint8 image per camera, upright as in ``better eval``.
+    ``agent_pos`` is the robot state (float32). ``info["is_success"]`` is set at the reset and at every step.
 
     Args:
         task: ID of the task.
-        variation: Name of a variation or training condition. By default, it is the first training condition.
-        state: Name of the state layout: "ee", "joints" or "motors" (in the units of a robot's own action space).
-        cameras: New names of cameras ({"front": "image", "wrist": "image2"}). Other cameras keep their names.
+        variation: Name of a variation or training condition. By default, the first training condition.
+        state: Name of the state layout: "ee", "joints" or "motors". The layout "motors" requires an action space in the
+            units of the robot's own motors.
+        cameras: New camera names by original name ({"front": "image", "wrist": "image2"}). Other cameras keep their
+            names.
         observation: Name of an observation preset.
-        action_space: Name of an action space. By default, it is the usual one of the robot.
+        action_space: Name of an action space. By default, the standard action space of the robot.
         quality: Name of a rendering preset.
-        robot: Name of a robot. By default, it is the robot for which the task is made.
+        robot: Name of a robot. By default, the robot for which the task is made.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -126,7 +127,7 @@ class LeRobotTaskEnv(TaskEnv):
         robot: str | None = None,
         render_mode: str | None = "rgb_array",
     ) -> None:
-        """Check all names. Scenes are compiled by :meth:`reset`."""
+        """Check that all names are known. The scene is not compiled until :meth:`reset` is called."""
         super().__init__(
             task,
             variation=variation,

@@ -50,7 +50,7 @@ class Observer:
         self._renderers = Renderers(renderers)
 
     def look(self, scene: TrialScene) -> Views:
-        """Render the current state. Return the images by camera name.
+        """Render the current state. Return a dict of images by camera name.
 
         Raises MissingDependencyError if off-screen OpenGL does not work.
         """

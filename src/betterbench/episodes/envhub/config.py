@@ -29,13 +29,13 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
             commas.
         fps: Number of control steps per second.
         state: Name of the state layout, "ee", "joints" or "motors".
-        cameras: New names of cameras, by old name.
+        cameras: New camera names by original camera name.
         observation: Name of an observation preset.
-        action_space: Name of an action space. By default, it is the usual one of the robot.
+        action_space: Name of an action space. By default, the standard action space of the robot.
         quality: Name of a rendering preset.
-        robot: Name of a robot. By default, it is the robot for which the tasks are made.
+        robot: Name of a robot. By default, the robot for which the tasks are made.
         features: Observations and actions of the environment. They are set automatically.
-        features_map: Name of each entry of ``features`` in the policy's input. They are set automatically.
+        features_map: Mapping from the names in ``features`` to the names that the policy uses. It is set automatically.
     """
 
     task: str | None = "fast_food/train1"
@@ -80,14 +80,14 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         if len(named) != 1:
             raise InvalidInputError(
                 "--env.task",
-                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot evaluates one at a time",
+                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot version evaluates one at a time",
                 "Give one condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-        """Return the vector environments of all conditions. LeRobot calls this method since version 0.5."""
+        """Return the vector environments of all conditions. LeRobot calls this method in version 0.5 and later."""
         return make_env(n_envs, use_async_envs, cfg=self)
 
 
@@ -100,6 +100,8 @@ def _robot_of(conditions: str | None) -> str:
     if len(set(robots.values())) > 1:
         listed = ", ".join(f"{task}: {robot}" for task, robot in robots.items())
         raise InvalidInputError(
-            "--env.task", f"its tasks are laid out for several robots ({listed})", "Evaluate one robot at a time"
+            "--env.task",
+            f"its tasks are made for several robots ({listed})",
+            "Evaluate the tasks of one robot at a time",
         )
     return next(iter(robots.values()))

@@ -23,7 +23,7 @@ from betterbench.sim.worlds import Photo, world_named
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Image to render: a trial at a certain simulated time [s]."""
+    """Image to render: the state of a trial at a certain simulated time [s]."""
 
     task: str
     condition: str
@@ -43,14 +43,15 @@ def render_shots(
 ) -> dict[Shot, bytes]:
     """Render one JPEG of ``size`` x ``size`` pixels per shot.
 
-    A run in another simulated world is rendered by the simulator of that world; LIBERO uses its front camera. ``views``
-    provides the rendering processes; by default, a new process is started. ``on_progress`` is called with the number of
-    finished images and the number of all images.
+    Images of a run in another benchmark are rendered by the simulator of that benchmark. For LIBERO, its front camera
+    is used. ``views`` provides the rendering processes; by default, a new process is started. ``on_progress`` is called
+    with the number of finished images and the number of all images.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If off-screen OpenGL does not work here, or the world of the run cannot render images.
-        WorldError: If the simulator of the world fails.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine, or the benchmark of the run cannot
+            render images.
+        WorldError: If the simulator of the other benchmark fails.
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
@@ -109,12 +110,12 @@ def write_video(
 ) -> Path:
     """Write the video of a recorded trial (H.264 in MP4) and return its path.
 
-    By default, it is in the folder of the run.
+    By default, the video is written to the folder of the run.
 
     ``on_progress`` is called with the number of finished frames and the number of all frames.
 
     Raises:
-        InvalidInputError: If the size [pixel] is odd.
+        InvalidInputError: If the side length of the images [pixel] is odd.
     """
     if size % 2:
         raise InvalidInputError("--size", f"{size} is odd", "Give an even number of pixels")
@@ -137,8 +138,8 @@ def film_record(
 ) -> None:
     """Write the video of a record (H.264 in MP4), with one frame for every ``every`` control steps.
 
-    ``view`` must have the scene of the record open. ``on_progress`` is called with the number of finished frames and
-    the number of all frames.
+    The renderer ``view`` must already have opened the scene of the record. ``on_progress`` is called with the number of
+    finished frames and the number of all frames.
     """
     rows = range(0, len(record), every)
     with DurableFile(path) as durable, av.open(durable.file, "w", format="mp4") as container:
@@ -157,9 +158,9 @@ def film_record(
 
 
 def probe_encoder() -> str:
-    """Encode a small video in memory and return a description of its format.
+    """Encode a small video in memory, and return a description of the video format.
 
-    Raises an error if the encoder is missing.
+    Raises an error if the encoder is not available.
     """
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:

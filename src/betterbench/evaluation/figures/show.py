@@ -33,7 +33,10 @@ def show_condition(
     outlined: Sequence[str] = (),
     robot: str = USUAL_ROBOT,
 ) -> Image.Image:
-    """Render the front view of a condition after the reset, (``size``, ``size``) pixels, with some objects outlined."""
+    """Render the front view of a condition after the reset, as an image of ``size`` x ``size`` pixels.
+
+    The given objects are outlined.
+    """
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"), robot_name=robot)
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
@@ -74,18 +77,21 @@ _RIGHT = {
 
 
 def card_title(variation: Variation) -> str:
-    """Return the title of a variation, followed by the correct behavior if that is not to reach the goal."""
+    """Return the title of a variation.
+
+    If the correct behavior is not to reach the goal, the title ends with this behavior.
+    """
     right = "" if variation.expected is Expected.SUCCEED else f" ({_RIGHT[variation.expected.value]})"
     return f"{variation.name}: {_printable(variation.title)}{right}"
 
 
 def _printable(text: str) -> str:
-    """Replace arrows, because the built-in font does not contain them."""
+    """Replace arrow characters, because the built-in font does not contain them."""
     return text.replace("→", ">")
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
-    """Encode an image as PNG or JPEG, as the suffix says. The remark is stored in the header."""
+    """Encode an image as PNG or JPEG, depending on the file name's suffix. The remark is stored in the file header."""
     buffer = io.BytesIO()
     if suffix.lower() == ".png":
         texts = PngInfo()
@@ -132,9 +138,9 @@ def _in_rows(head: str, panels: Sequence[tuple[str, str, Image.Image]], columns:
 
 
 def shown_credits(task_id: str, name: str | None) -> tuple[str, ...]:
-    """Return one credit line for each source of the objects in the test and training scene of a variation.
+    """Return one credit line for each source of the objects in the test scene and training scene of a variation.
 
-    If ``name`` is None, the objects of all training conditions are credited.
+    If ``name`` is None, the objects in all training conditions are credited.
     """
     task = get_task(task_id)
     conditions = task.training
@@ -153,7 +159,7 @@ class _Credited:
 
 
 def _outline(rgb: np.ndarray, mask: np.ndarray, width: int) -> np.ndarray:
-    """Return a copy of an image with a line drawn around a mask."""
+    """Return a copy of an image in which the outline of a mask is drawn."""
     grown = mask.copy()
     for _ in range(width):
         padded = np.pad(grown, 1)
@@ -185,7 +191,7 @@ def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Ima
 
 
 def wrap_text(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
-    """Put an instruction in quotation marks, and split it into lines that fit into a width [px]."""
+    """Put an instruction in quotation marks, and split it into lines of at most the given width [px]."""
     return _wrapped(f"“{text}”", font, width)
 
 

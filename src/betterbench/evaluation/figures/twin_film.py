@@ -37,12 +37,12 @@ _HOLD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One of the two trials in a video, with a heading and the outcome.
+    """One of the two trials in a video, with its heading and its outcome.
 
     Attributes:
         heading: Title above the trial ("this trial, fast_food/T1/3").
         ended: Outcome of the trial ("Semantic feature collapse").
-        right: Whether the outcome is a success. It is then shown in blue.
+        right: Whether the outcome is a success, which is shown in blue.
     """
 
     task: str
@@ -65,8 +65,8 @@ class FilmLook:
     Attributes:
         size: Side length of each image [px]. It must be even.
         rate_hz: Frames per second of the video.
-        longest_s: Longest duration of the motion [s of the video]. Longer trials are sped up to this duration. None
-            shows every trial in real time.
+        longest_s: Maximum time that the motion takes in the video [s]. Longer trials are sped up to fit this time. With
+            None, every trial is shown in real time.
     """
 
     camera: str = "front"
@@ -84,9 +84,9 @@ class FilmLook:
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """Video (H.264 in MP4) with a cover image (JPEG).
+    """Video (H.264 in MP4) of a trial and its training twin, with a cover image (JPEG).
 
-    The cover image shows the initial states of both trials with their complete paths.
+    The cover image shows the initial states of both trials with their complete gripper paths.
     """
 
     clip: bytes
@@ -107,7 +107,7 @@ def render_paths(
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If off-screen OpenGL does not work here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     images: dict[tuple[str, str, int], bytes] = {}
     with _views(look, 1 if trials else 0, views) as sides:
@@ -128,7 +128,8 @@ def render_strips(
 ) -> dict[tuple[str, str, int], bytes]:
     """Render one strip of images per trial as a JPEG. The first image shows the initial state with the complete path.
 
-    The other images show later states, each with the path until then. Raises the errors of :func:`render_paths`.
+    Each of the other images shows a later state with the path up to that time. Raises the errors of
+    :func:`render_paths`.
     """
     images: dict[tuple[str, str, int], bytes] = {}
     with _views(look, 1 if trials else 0) as views:
@@ -175,7 +176,7 @@ def write_twin_film(
     look: FilmLook,
     on_progress: OnCount | None = None,
 ) -> Path:
-    """Write a video like those of :func:`render_twin_films` to a file.
+    """Write a video of a trial and its training twin to a file. See :func:`render_twin_films`.
 
     ``on_progress`` is called with the number of finished frames and the number of all frames.
     """
@@ -187,9 +188,9 @@ def write_twin_film(
 
 @contextmanager
 def _views(look: FilmLook, count: int, given: LimitedViews | None = None) -> Iterator[list[LimitedView]]:
-    """Provide ``count`` rendering processes, one for each trial of a video.
+    """Provide ``count`` rendering processes, one for each trial in a video.
 
-    Processes that were not given are ended again.
+    Processes that are started here are ended afterwards. Processes that the caller passed in keep running.
     """
     with ExitStack() as stack:
         views = given or stack.enter_context(LimitedViews())
@@ -238,7 +239,7 @@ def _sheets(
 
 
 class _Side:
-    """Images of one recorded trial with the path of the end effector."""
+    """Images of one recorded trial, with the path of the end effector drawn into them."""
 
     def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
         self.record: Record = run.read_record(*trial)
@@ -255,9 +256,9 @@ class _Side:
         return (len(self.record) - 1) / self.record.metadata.control_rate_hz
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the image at a time [s] with the path until then.
+        """Return the image at a given time [s], with the path up to that time.
 
-        After the end of the trial, it shows the last state.
+        For times after the end of the trial, the image shows the last state.
         """
         row = min(round(time_s * self.record.metadata.control_rate_hz), len(self.record) - 1)
         if self._last is None or self._last[0] != row:
@@ -268,9 +269,9 @@ class _Side:
         return Image.fromarray(self._view.draw(self.record.qpos[row], self._look.camera, jitter=self._jitter))
 
     def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
-        """Draw the path of the first rows into an image.
+        """Draw the path of the end effector in the first rows of the record into an image.
 
-        It is blue where the gripper should be open, and orange elsewhere.
+        The path is blue while the gripper should be open, and orange elsewhere.
         """
         drawn, scale = image.copy(), 2
         large = drawn.resize((scale * drawn.width, scale * drawn.height), Image.Resampling.BICUBIC)
@@ -294,7 +295,7 @@ class _Side:
 
 
 class _Layout:
-    """Layout of a frame: images side by side, heading, instruction and outcome above each, and the time in a corner."""
+    """Layout of a video frame: images side by side, with the heading, instruction and outcome of each, and the time."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)
@@ -309,7 +310,7 @@ class _Layout:
         self._extent = width + width % 2, height + height % 2
 
     def sheet(self, images: Sequence[Image.Image], clock: str) -> Image.Image:
-        """Return one frame of the video."""
+        """Compose one frame of the video."""
         sheet = Image.new("RGB", self._extent, _PAPER)
         pen = ImageDraw.Draw(sheet)
         for i, ((panel, _), lines, image) in enumerate(zip(self._panels, self._texts, images, strict=True)):

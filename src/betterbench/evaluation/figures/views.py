@@ -1,6 +1,7 @@
-"""Images of recorded states, rendered from the stored scene, and descriptions of the objects visible in them.
+"""Images of recorded states, rendered from the stored scene, and descriptions of the objects visible in the images.
 
-The objects are described by :class:`~betterbench.interface.state.FrameView`, as for masks that are rendered later.
+A :class:`~betterbench.interface.state.FrameView` describes the visible objects. It has the same form as for masks that
+are rendered later.
 """
 
 from __future__ import annotations
@@ -30,14 +31,17 @@ _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
 
 
 class CameraPhoto(NamedTuple):
-    """Image (JPEG) and a description of the objects visible in it."""
+    """Camera image (JPEG), and a description of the objects visible in it."""
 
     jpeg: bytes
     view: FrameView
 
 
 class ViewRenderer:
-    """Renderer of recorded states and their visible objects. As a context manager, it ends the rendering process."""
+    """Renderer of recorded states, which also finds the visible objects.
+
+    Used in a ``with`` block, it ends its process.
+    """
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
         """Start the rendering process. ``size`` is the side length of the images [pixel]."""
@@ -59,19 +63,22 @@ class ViewRenderer:
         self._limited.stop()
 
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
-        """Return the image of a camera at one row of a record, and the objects visible in it.
+        """Return the image of a camera at one row of a record, with a description of the objects visible in it.
 
         Raises:
             RecordError: If the stored scene is missing or damaged, belongs to another record, or does not have the
                 camera.
-            MissingDependencyError: If off-screen OpenGL does not work here.
+            MissingDependencyError: If off-screen OpenGL does not work on this machine.
         """
         if self._row is None or self._row[0] is not record or self._row[1] != row or camera not in self._photos:
             self._draw(record, row, camera)
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row from all cameras that have been requested so far, because callers usually need all of them."""
+        """Render a row of the record from all cameras that have been requested so far.
+
+        Callers usually need the images of all these cameras.
+        """
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -79,7 +86,7 @@ class ViewRenderer:
         facts, _ = self._limited.prepare(views, ("rgb", "boxes"), gripper=True)
         if len(facts.object_bodies) != len(record.metadata.scene.objects):
             raise RecordError(
-                "The objects in the stored scene are not those in the record, so the scene and the record "
+                "The stored scene contains other objects than the record, so the scene and the record "
                 "belong to different trials."
             )
         ((*sights,),) = self._limited.sights(record.qpos[row : row + 1], jitter=record.metadata.view_jitter)
@@ -93,7 +100,7 @@ class ViewRenderer:
 
 
 def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
-    """Return the camera matrices of a view, given the position and quaternion of the camera (see ``sight_type``)."""
+    """Return the camera matrices for a view, given the position and quaternion of the camera."""
     x, y, z, qw, qx, qy, qz = placed.tolist()
     half = 0.5 * (size - 1)
     K = np.array([[focal_px, 0.0, half], [0.0, focal_px, half], [0.0, 0.0, 1.0]])
@@ -103,7 +110,10 @@ def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
 def _seen_objects(
     record: Record, row: int, facts: ModelFacts, sight: np.ndarray, camera: CameraMatrices
 ) -> dict[str, SeenObject]:
-    """Return the visible part of each object and of the gripper, by name. Objects that are not visible are left out."""
+    """Return a description of the visible part of each object and of the gripper, by name.
+
+    Objects that are not visible are left out.
+    """
     numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # index of the object, by body number plus one
     numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
     numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
@@ -120,7 +130,7 @@ def _seen_objects(
 
 
 def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
-    """Return the visible part of an object, given a (height, width) bool mask with at least one pixel."""
+    """Describe the visible part of an object, given its mask (height, width) with at least one pixel set."""
     rows, columns = np.nonzero(mask)
     box = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     flat = np.concatenate(([False], mask.ravel(), [False]))

@@ -55,22 +55,25 @@ ADDRESS = "vla-eval:"
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
-    """The suite better60, or some of its conditions, as a benchmark of the harness.
+    """Benchmark for vla-evaluation-harness, which contains the suite better60 or some conditions of it.
 
     Args:
         run: Run folder. An interrupted run is resumed; the results of finished trials are taken from their records.
-        policy: Name of the policy in the report ("pi0-libero"). The harness does not tell it to a benchmark.
+        policy: Name of the policy in the report ("pi0-libero"). It must be given, because the harness does not tell a
+            benchmark which policy it evaluates.
         conditions: Tasks ("fast_food" stands for all its conditions) and conditions ("fast_food/T1",
             "fast_food/train1"), as a list or one comma-separated string. By default, all conditions of better60.
         trials: Number of trials per condition. It must equal ``episodes_per_task``.
         seed: First seed.
-        adapter: Name of an adapter preset, or a JSON file with an adapter, which describes requests and answers.
-        cameras: Cameras to use instead of those of the adapter, by key ({"images/agentview": "left_shoulder"}).
+        adapter: Name of an adapter preset, or path of a JSON file with an adapter. An adapter describes the format of
+            requests and answers.
+        cameras: Cameras that replace those of the adapter, by key in the request ({"images/agentview":
+            "left_shoulder"}).
         observation: Name of an observation preset. "state_only" renders no images.
         quality: Name of a rendering preset.
         send_wrist_image: Whether to send the wrist image. Model servers usually request it themselves.
         send_state: Whether to send the state of the robot. Model servers usually request it themselves.
-        absolute_action: Whether the model server answers with absolute poses, which requires an adapter that reads
+        absolute_action: Whether the model server answers with absolute poses. This requires an adapter that reads
             ``ee_pose``. Model servers usually declare this themselves.
         quat_no_antipodal: Must be True, which is also what model servers request. Rotation vectors in the state are
             then continuous while the tool points down, as in robosuite's data.
@@ -331,7 +334,7 @@ def _stop_run() -> Iterator[None]:
 
 
 def _shaped(adapter: Adapter, cameras: dict[str, str], observation: str, *, wrist: bool, state: bool) -> Adapter:
-    """Return the adapter without the images and states that are not to be sent to the model server."""
+    """Return a copy of the adapter without the images and states that are not sent to the model server."""
     shown = adapter.with_cameras(cameras)
     views = tuple(v for v in shown.views if wrist or "wrist" not in v.key[-1])
     if not observation_spec(observation).cameras:
@@ -349,7 +352,10 @@ def _plan(
     observation: str,
     quality: str,
 ) -> Plan:
-    """Return a plan with those trials of ``better eval`` that belong to the given conditions, equally many for each."""
+    """Return a plan that contains the same number of trials for each of the given conditions.
+
+    The trials have the same seeds as in ``better eval``.
+    """
     tasks = list(dict.fromkeys(task for task, _ in conditions))
     whole = make_plan(
         policy,
