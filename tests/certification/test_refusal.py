@@ -115,7 +115,7 @@ def test_a_trial_that_was_examined_and_fell_short_is_not_sent_to_be_examined_aga
     made = certificate(*(trial(t.task, t.condition, t.seed, fails="" if t.variation else "c") for t in planned))
     write_json(tmp_path / "certificate.json", made.to_json())
     error = better("--trials", "1", "--certificate", str(tmp_path))
-    assert "morning_coffee/train1 seed 0: the trial is not certified (it was examined and fails clause (c))" in error
+    assert "morning_coffee/train1 seed 0: it is not certified (it was examined and fails clause (c))" in error
     assert "better certify" not in error
     assert "Choose other seeds" in error
 

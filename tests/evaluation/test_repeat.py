@@ -196,7 +196,7 @@ def test_what_a_file_names_runs_no_code_and_sends_no_secret_without_a_yes(
         assert main(["eval", "--from", str(where), "--out", str(tmp_path / "run"), "--uncertified"]) == 2
         said = capsys.readouterr().err.replace("\n", "")
         assert text.format(folder=tmp_path).replace(" ", "") in said.replace(" ", "")
-        assert "Give --trust if" in said
+        assert "Use --trust if" in said
     assert not mark.exists()
     assert not (tmp_path / "run").exists()
     assert repeated_plan(source, policy="noop").policy == "noop"

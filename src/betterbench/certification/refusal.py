@@ -67,7 +67,7 @@ def require_coverage(
         unmeasured = [t for t in own if demonstrated_if_measured(get_task(t), engine=engine_version()) is None]
         raise InvalidInputError(
             f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
-            f"the trial is not certified ({gap.reason})",
+            f"it is not certified ({gap.reason})",
             cure_for(
                 gap,
                 tasks=() if whole else versions,

@@ -84,10 +84,15 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose the renderer: OSMesa for "cpu"; for "gpu", the one that the environment names (by default EGL)."""
+        """Choose the renderer. Mode "cpu" selects OSMesa.
+
+        Mode "gpu" selects the renderer in MUJOCO_GL, by default EGL.
+        """
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError(
-                "render", "EGL is already loaded, so cpu rendering cannot be chosen", "Unset MUJOCO_GL"
+                "render",
+                "EGL is already loaded, so cpu rendering cannot be chosen",
+                "Unset the environment variable MUJOCO_GL",
             )
         applied: dict[str, str] = configure_mujoco_render(mode)
         return applied
@@ -112,7 +117,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         """Check all names. The run folder is created when the first episode starts."""
         super().__init__()
         if not quat_no_antipodal:
-            raise InvalidInputError("quat_no_antipodal", "must be True", "Omit it")
+            raise InvalidInputError("quat_no_antipodal", "must be True", "Omit this argument")
         self._recorder = NullEpisodeRecorder()
         self.adapter = _shaped(
             own_preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
@@ -126,7 +131,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 "absolute_action",
                 f"the model server answers with absolute poses, but adapter {self.adapter.name} reads "
                 f"{self.adapter.answer.space}",
-                "Give an adapter whose answer has the space ee_pose and the model's rotation format",
+                "Choose an adapter whose answer has the space ee_pose and the model's rotation format",
             )
         self._out = Path(run).resolve()  # the harness may change the working directory
         self._seed, self._trials = seed, trials
@@ -179,7 +184,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Execute the answer of the model server. As in better eval, an invalid action ends the episode."""
+        """Execute the actions that the model server returned.
+
+        As in ``better eval``, an invalid action ends the episode.
+        """
         run, seen = self._run, self._seen
         if run is None or seen is None:
             raise InvalidInputError("step", "there is no current episode", "Call reset first")
@@ -207,15 +215,15 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return result
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
-        """Return the message for the model server: images, instruction and, if requested, the state of the robot."""
+        """Return the message for the model server, with images, the instruction and, if requested, the robot state."""
         del task
         return self.adapter.request(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
-        """Return the result of the episode.
+        """Return the result of the episode, in the form that the harness expects.
 
-        The harness counts an episode that it ends early (``max_steps``) as a failure. In betterbench's report, this
-        trial counts as not run, because the policy might have succeeded later.
+        If the harness itself ended the episode early (``max_steps``), it counts the episode as a failure. In
+        betterbench's report, the trial counts as not run, because the policy might have succeeded later.
         """
         if self._in_episode and self._run is not None:
             self._in_episode = False
@@ -231,17 +239,17 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
-        """Return the format of the actions, by component."""
+        """Return the format of each component of the actions (for example position, rotation and gripper)."""
         return action_specs(self.adapter.answer)
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        """Return the format of the observations, by component."""
+        """Return the format of each component of the observations (for example images and the instruction)."""
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the metadata of the benchmark, with the step limit of the suite.
+        """Return the metadata of the benchmark, including the largest step limit of its tasks.
 
-        If the harness is not given ``max_steps``, episodes end at this limit.
+        The harness ends episodes at this limit unless it was given ``max_steps``.
         """
         conditions = {(t.task, t.condition): t for t in self.plan.trials}
         limits = [found.task.step_limit(found.condition) for found in (t.resolve() for t in conditions.values())]
@@ -253,11 +261,13 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         }
 
     def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
-        """Return the action that keeps the robot still, for the live mode. For absolute actions, it is the last action.
+        """Return an action that keeps the robot still, for the harness's live mode.
+
+        For absolute actions, this is the last action.
 
         Raises:
-            NotImplementedError: If absolute actions are used and there is no last action, or if the gripper has no
-                neutral value.
+            NotImplementedError: If the actions are absolute and there is no last action yet, or if no gripper command
+                leaves the gripper unchanged.
         """
         neutral = action_space(self.adapter.answer.space).neutral
         if neutral is not None and self.adapter.answer.gripper.endswith("positive"):
@@ -270,7 +280,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         )
 
     def render(self) -> np.ndarray | None:
-        """Return the current image of the first camera, or None if there are no images."""
+        """Return the current image of the first camera, or None if the observations contain no images."""
         return None if self._seen is None else next(iter(self._seen.images.values()), None)
 
     def cleanup(self) -> None:
@@ -299,7 +309,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             "episodes_per_task",
             f"the plan has {self._trials} trials per condition, so {task['name']} has no episode {episode} "
             "(episodes are numbered from 0)",
-            f"Set params.trials and episodes_per_task to the same number, at least {episode + 1}",
+            f"Set params.trials and episodes_per_task to the same number, which must be at least {episode + 1}",
         )
 
     def _end(self) -> StepResult:

@@ -1,4 +1,4 @@
-"""Formats of actions and observations in the terms of vla-evaluation-harness."""
+"""Conversion of action and observation formats to the terms of vla-evaluation-harness."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the format of actions, by component.
+    """Return the format of each component of an adapter's actions.
 
-    A format that the harness does not know keeps its name in betterbench.
+    If the harness has no name for a format, betterbench's name is used.
     """
     space = action_space(answer.space)
     text = space.convention
@@ -47,7 +47,7 @@ def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
 
 
 def observation_specs(adapter: Adapter) -> dict[str, DimSpec]:
-    """Return the format of observations by component: images by camera, the instruction, and the state if sent."""
+    """Return the formats of the images (by camera), the instruction and, if it is sent, the robot state."""
     found = {view.key[-1]: specs.IMAGE_RGB for view in adapter.views}
     found["language"] = specs.LANGUAGE
     for i, rule in enumerate(adapter.states):

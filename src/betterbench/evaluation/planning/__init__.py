@@ -1,1 +1,1 @@
-"""Planning of runs: plan, manifest, and repetition of an earlier run."""
+"""Planning of runs: the plan, the manifest, and repeating an earlier run."""

@@ -21,7 +21,7 @@ _LEFT_OUT = "dev"  # the extra with test tools and linters, which do not affect 
 
 
 def describe_machine() -> dict[str, object]:
-    """Return the CPU, memory and GPUs of this machine, as far as they can be determined."""
+    """Return a description of this machine's CPU, memory and GPUs, as far as they can be determined."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),
@@ -35,7 +35,7 @@ def describe_machine() -> dict[str, object]:
 def describe_renderer() -> dict[str, str]:
     """Return the fingerprint of the renderer, or the reason why rendering does not work.
 
-    This creates the OpenGL context of the process, so the function must be called in the thread that renders.
+    The function creates the OpenGL context of the process, so it must be called in the thread that will render.
     """
     try:
         return renderer_fingerprint()
@@ -45,9 +45,9 @@ def describe_renderer() -> dict[str, str]:
 
 @cache
 def package_lock() -> tuple[str, ...]:
-    """Return the installed packages that betterbench may use, with versions ("numpy==2.3.1"), sorted.
+    """Return those installed packages that betterbench may use, with their versions ("numpy==2.3.1"), sorted by name.
 
-    Each process determines them only once, since reading the metadata of about a hundred packages takes 0.1 s.
+    The list is made only once per process, since reading the metadata of about a hundred packages takes 0.1 s.
     """
     found: dict[str, str] = {}
     waiting = [_DISTRIBUTION]
@@ -92,7 +92,7 @@ def _head(home: Path) -> str | None:
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
     """Return the names of the packages that an installed package requires.
 
-    If ``extras`` is True, optional requirements count too, except those of the developer extra.
+    If ``extras`` is True, the requirements of its extras are included, except those of the developer extra.
     """
     names = []
     for requirement in distribution.requires or ():
@@ -130,7 +130,7 @@ def _graphics_cards() -> list[str]:
 
 
 def _read(file: Path) -> str:
-    """Return the beginning of a text file. It is empty if the file cannot be read."""
+    """Return the beginning of a text file, or an empty string if the file cannot be read."""
     with contextlib.suppress(OSError), file.open("rb") as stream:
         return stream.read(_MAX_FILE_BYTES).decode("utf-8", "replace")
     return ""

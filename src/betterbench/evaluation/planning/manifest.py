@@ -1,7 +1,7 @@
 """Manifest of a run: the circumstances in which the run was started, stored in ``run.json``.
 
-When a run is resumed, the description of the policy is compared with the one in the manifest, because a different
-checkpoint at the same address would mix two policies in one run. Other entries are not compared, since a run may be
+When a run is resumed, the description of the policy is compared with the one in the manifest, because with a different
+checkpoint at the same address, one run would contain two policies. Other entries are not compared, since a run may be
 resumed on another machine.
 """
 
@@ -29,8 +29,8 @@ from betterbench.tasks.user_files import loaded_files
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
     """Return the manifest of a new run, which describes the circumstances in which the run was started.
 
-    ``policy`` is the description of the policy from :func:`describe_policy`. ``engine`` contains "name", "workers",
-    "envs" and, if a warm-up determines the number of environments, "most_envs".
+    ``policy`` is the description of the policy from :func:`describe_policy`. ``engine`` has the keys "name", "workers"
+    and "envs" and, if a warm-up determines the number of environments, the key "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}
@@ -57,7 +57,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return all conventions of a run: those that the plan sets, and those that are fixed."""
+    """Return all conventions of a run: those that the plan determines, and those that are the same for all runs."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -79,10 +79,13 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the description of the policy is the one stored in the run. If it may change, record the change.
+    """Check that a policy's description is the same as the one stored in the run.
+
+    If it is different and ``allow_changed`` is True, store the change in the run.
 
     Raises:
-        RunConflictError: If the description has changed and ``allow_changed`` is False. The message quotes both values.
+        RunConflictError: If the description has changed and ``allow_changed`` is False. The message quotes the old and
+            the new value.
     """
     difference = policy_difference(run, policy)
     if difference is None:

@@ -36,13 +36,13 @@ class Plan:
 
     Attributes:
         policy: Address of the policy.
-        trials: Trials to run. With ``until_decided``, these are all trials that may be needed.
+        trials: Trials to run. If ``until_decided`` is given, these are all trials that may be needed.
         action_space: Name of the action space.
         observation: Name of the observation preset.
         quality: Name of the rendering preset.
         robot: Name of the robot.
-        looks: Appearance of objects and rooms: as in demonstrations ("seen") or not ("unseen").
-        until_decided: Rule that decides when a variation needs no more trials. None runs all trials.
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
+        until_decided: Rule that decides when a variation needs no more trials. With None, all trials are run.
         world: Benchmark in whose simulator the trials are run: betterbench, LIBERO or CALVIN.
     """
 
@@ -57,9 +57,10 @@ class Plan:
     world: World = OWN_WORLD
 
     def __post_init__(self) -> None:
-        """Check that each task fits the robot. With ``until_decided``, also check that no training twin is missing.
+        """Check that each task is made for the robot.
 
-        The training twin of a variation's trial is the trial of the training condition with the same seed.
+        If ``until_decided`` is given, check that no training twin is missing. The training twin of a variation's trial
+        is the trial of the training condition with the same seed.
         """
         self._require_robot()
         if self.until_decided is None:
@@ -78,7 +79,10 @@ class Plan:
             )
 
     def _require_robot(self) -> None:
-        """Check that each task of betterbench's own scenes is made for the robot of the plan."""
+        """Check that each task in betterbench's own simulator is made for the robot of the plan.
+
+        Tasks of other benchmarks are not checked.
+        """
         if self.world.name != OWN_WORLD.name:
             return
         for name in dict.fromkeys(t.task for t in self.trials):
@@ -86,7 +90,7 @@ class Plan:
             if needed != self.robot:
                 problem = f"{name} is laid out for robot {needed!r}, but the run uses {self.robot!r}"
                 raise InvalidInputError(
-                    "robot", problem, f"Run it with --robot {needed}, separately from tasks for other robots"
+                    "robot", problem, f"Run this task with --robot {needed}, separately from tasks for other robots"
                 )
 
     def to_json(self) -> dict[str, Any]:
@@ -108,7 +112,7 @@ class Plan:
 
     @property
     def scene_options(self) -> SceneOptions:
-        """Settings of the scenes (quality, robot, looks), which only some simulated worlds have."""
+        """Settings of the scenes (quality, robot, looks). Benchmarks other than betterbench may not have them."""
         return SceneOptions(self.quality, self.robot, self.looks)
 
 
@@ -129,14 +133,15 @@ def make_plan(
     """Return the plan for a run of the named tasks. By default, it covers all tasks of the suite better60.
 
     Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get as
-    many trials as its variations do. These trials are evenly distributed and include the training twins of the
-    variations' trials. A plan for some variations ("L1", "fast_food/T1") contains only trials that the plan for all
-    variations has too, so both plans share a certificate.
+    many trials as its variations do. These trials are evenly distributed over the training conditions. They include the
+    training twins, i.e. the training trials with the same seeds as the variations' trials. A plan for some variations
+    ("L1", "fast_food/T1") contains only trials that are also in the plan for all variations, so one certificate covers
+    both plans.
 
-    By default, the action space is the usual one of the robot, and the robot is the one for which the first task is
-    made. If ``looks`` is "unseen", objects and rooms have an appearance that does not occur in demonstrations. With
-    ``until_decided``, ``trials`` is the maximum number per variation, and the only trials of training conditions are
-    the training twins.
+    The default robot is the one for which the first task is made, and the default action space is the standard one of
+    the robot. If ``looks`` is "unseen", objects and rooms have an appearance that does not occur in demonstrations. If
+    ``until_decided`` is given, ``trials`` is the maximum number per variation, and the only trials of training
+    conditions are the training twins.
 
     Raises:
         InvalidInputError: If a number is out of range, or there is no trial to run.
@@ -147,7 +152,7 @@ def make_plan(
     rule = StoppingRule() if until_decided else None
     if rule is not None and trials < rule.first:
         problem = f"{trials} are too few for a verdict with --until-decided"
-        raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or omit --until-decided")
+        raise InvalidInputError("--trials", problem, f"Use {rule.first} or more trials, or omit --until-decided")
     observation_spec(observation)
     quality_preset(quality)
     shown = looks_named(looks)
@@ -159,7 +164,10 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the ID of a trial after checking its names. By default, the condition is the first training condition."""
+    """Return the ID of a trial after checking that its task and condition exist.
+
+    By default, the condition is the first training condition of the task.
+    """
     require_between("--seed", seed, 0, MAX_SEED)
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)
     resolve_condition(trial.task, trial.condition)

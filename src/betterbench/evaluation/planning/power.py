@@ -18,7 +18,10 @@ policy fails in some trials in which the other succeeds.
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return sentences that say which drops in success a plan can show: overall, per axis, and per variation."""
+    """Return sentences that say how large a drop in success must be for a plan to detect it.
+
+    There are values for all trials together, per axis, and per variation.
+    """
     varied = [t for t in plan.trials if t.variation is not None and not t.ambiguous]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
@@ -53,7 +56,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a sentence that states the smallest overall drop in success that the trials of a plan can show."""
+    """Return a sentence that states the smallest overall drop in success that the trials of a plan can detect."""
     pairs = sum(t.variation is not None and not t.ambiguous for t in plan.trials)
     if not pairs:
         return "No trial tests a variation: the trials only show how well the training conditions were learned."
@@ -76,9 +79,9 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest differences that can be shown, in points, for the largest and the smallest number of pairs.
+    """Return the smallest differences that can be detected with the largest and the smallest number of pairs, as text.
 
-    The string is empty if no difference can be shown.
+    The text gives percentage points. It is empty if no difference can be detected.
     """
     values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
     return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

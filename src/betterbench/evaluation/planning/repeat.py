@@ -1,4 +1,4 @@
-"""Repetition of a run from its ``run.json``, after a check for differences that would change the results."""
+"""Repetition of a run from its ``run.json``. Before that, differences that would change the results are reported."""
 
 from __future__ import annotations
 
@@ -38,7 +38,10 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Fields that are read from the plan in ``run.json``. All other fields are compared with those of the new plan."""
+    """Fields that are read from the plan in ``run.json``.
+
+    The other fields of the stored plan are only compared with those of the new plan.
+    """
 
     policy: str
     trials: tuple[Trial, ...]
@@ -53,10 +56,12 @@ class _Plan:
         seen: set[TrialId] = set()
         for number, trial in enumerate(self.trials):
             if trial.id in seen:
-                raise InvalidInputError(f"trials[{number}]", "this trial is planned twice", "Remove one of the two")
+                raise InvalidInputError(
+                    f"trials[{number}]", "this trial is planned twice", "Remove one of its two entries"
+                )
             seen.add(trial.id)
         if not seen:
-            raise InvalidInputError("trials", "is empty", "Restore the file run.json")
+            raise InvalidInputError("trials", "the list is empty", "Restore the original file run.json")
 
 
 _PLAN = TypeAdapter(_Plan)
@@ -67,14 +72,14 @@ def repeated_plan(
 ) -> Plan:
     """Return the plan of an earlier run, to repeat the run with the same policy or with a different one.
 
-    ``path`` is the folder or the ``run.json`` of the run. If ``trust`` is True, the policy named in the run may run
-    code or send a key.
+    ``path`` is the folder of the run or its file ``run.json``. If ``trust`` is True, a policy named in the run is
+    accepted even if it runs code or sends a secret key.
 
     Raises:
-        InvalidInputError: If the policy named in the run would run code or send a key, and ``trust`` is False.
+        InvalidInputError: If the policy named in the run would run code or send a secret key, and ``trust`` is False.
         RecordError: If the file is not the ``run.json`` of a run, or the plan in it is malformed.
         RunConflictError: If versions or conventions that affect results differ, unless other versions are allowed.
-        UnknownNameError: If a task, condition, preset or action space does not exist here.
+        UnknownNameError: If a task, condition, preset or action space does not exist in this installation.
     """
     run = _open(path)
     where = run.path / "run.json"
@@ -107,7 +112,10 @@ def repeated_plan(
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Raise RunConflictError, which quotes both values, if a policy is described differently in the run at a path."""
+    """Raise RunConflictError if the policy is described differently in the run at the given path.
+
+    The message quotes the stored and the current value.
+    """
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(
@@ -121,9 +129,9 @@ def _open(path: Path) -> RunFolder:
 
 
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
-    """Yield the differences between a stored plan and a new plan that affect results, each with both values.
+    """Yield the differences between a stored plan and a new plan that would change the results, each with both values.
 
-    A stored plan that does not name a robot used the Panda.
+    Stored plans without the name of a robot are from a time when the Panda was the only robot.
     """
     there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))

@@ -1,4 +1,4 @@
-"""Order in which the trials of a plan are run: all at once, or in rounds until every variation is decided."""
+"""Order in which the trials of a plan are run: all at once, or in rounds until each variation has a certain verdict."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Schedule:
 
     @property
     def decisions(self) -> Decisions | None:
-        """Decisions after the last complete round. None for a plan that runs all trials."""
+        """Verdicts on the variations after the last complete round, or None for a plan that runs all trials."""
         if self.plan.until_decided is None:
             return None
         while self._waiting and self._is_done(self._waiting[-1]):
@@ -55,8 +55,9 @@ class Schedule:
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the trials of each round that are not finished.
 
-        The next round must be requested only after all trials of the previous round have ended. A trial without a
-        record ends the schedule; running the same command again repeats this trial and continues.
+        The next round must be requested only after all trials of the previous round have ended. The schedule stops
+        after a round in which a trial left no record. Running the same command again repeats this trial and then
+        continues.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

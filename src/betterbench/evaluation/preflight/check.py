@@ -1,4 +1,4 @@
-"""Preflight check of a policy: the handshake, one observation, and the first replies to it."""
+"""Preflight check of a policy: the handshake, one observation, and the policy's first replies."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ REQUESTS = 5
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """Convention as betterbench and the policy declare it. A value is empty if that side does not declare it."""
+    """Value of one convention, as betterbench declares it and as the policy declares it.
+
+    A value is empty if that side does not declare it.
+    """
 
     name: str
     ours: str
@@ -49,13 +52,13 @@ class Convention:
 
     @property
     def differs(self) -> bool:
-        """Whether both sides declare a value, and the two values differ."""
+        """Whether betterbench and the policy both declare a value, and these values differ."""
         return bool(self.ours and self.theirs) and self.ours != self.theirs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """Image as it is sent to the policy, (height, width, 3) uint8, with its key and a note on how it was converted."""
+    """Image exactly as the policy receives it, (height, width, 3) uint8, with its key and a note on the conversion."""
 
     key: str
     image: np.ndarray
@@ -71,15 +74,15 @@ class PreflightCheck:
         trial: Trial whose first observation was sent to the policy.
         quality: Name of the rendering preset.
         info: Description of the policy.
-        conventions: Conventions of both sides.
-        adapter: Adapter of the policy, or None if the observation is sent unchanged.
+        conventions: Conventions, as betterbench and the policy declare them.
+        adapter: Adapter that converts observations for the policy, or None if they are sent unchanged.
         shown: Images as they are sent to the policy.
         state: State inputs of the policy, by key.
         prompt: Instruction as it is sent to the policy.
-        actions: First reply, (horizon, dim), in the action space of ``info``.
+        actions: Actions in the first reply, (horizon, dim), in the action space that ``info`` names.
         first_s: Latency of the first request [s].
         latencies_s: Latencies of the later requests [s].
-        proof: Result of comparing the policy with a demonstration, or None if this was not done.
+        proof: Result of comparing the policy with a demonstration, or None without such a comparison.
         robot: Name of the robot.
     """
 
@@ -155,10 +158,10 @@ def run_preflight(
 ) -> PreflightCheck:
     """Request actions from a policy at the start of a trial, with the settings of a planned run.
 
-    By default, the action space is that of the policy, or that of the robot if the policy supports all action spaces.
-    With ``proof``, a policy that uses observations also gets the observations of a demonstration
-    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the conventions of both sides
-    before they are compared.
+    By default, the policy's action space is used, or the robot's standard one if the policy supports all action spaces.
+    If ``proof`` is True, a policy that uses observations also gets the observations of a demonstration
+    (:mod:`betterbench.evaluation.preflight.proof`). Before the conventions of betterbench and the policy are compared,
+    ``on_conventions`` is called with them.
 
     Raises:
         BetterError: If the policy does not answer, if its conventions differ from those of the run, or if its actions
@@ -169,7 +172,7 @@ def run_preflight(
         raise InvalidInputError(
             f"policy {policy}",
             "a replay policy only repeats recorded actions",
-            "Inspect the replayed run with better report",
+            "Inspect the run that it replays with better report",
         )
     found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
@@ -233,9 +236,9 @@ def run_preflight(
 def _first_question(
     policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
 ) -> tuple[Observation | None, Callable[[], np.ndarray]]:
-    """Begin the episode.
+    """Begin the episode, and return its first observation and a function that requests actions.
 
-    Return the first observation (None for a privileged policy) and a function that requests actions.
+    The observation is None for a privileged policy.
     """
     state = scene.reset()
     if client is None:
@@ -256,7 +259,10 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Return the first reply (horizon, dim), the latency of the first request, and those of later requests [s]."""
+    """Send several requests.
+
+    Return the first reply (horizon, dim), its latency, and the latencies of later replies [s].
+    """
     answers, times = [], []
     for _ in range(1 + REQUESTS):
         began = time.perf_counter()
@@ -300,7 +306,7 @@ def _adapter_of(client: Policy | None) -> Adapter | None:
 
 
 def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]:
-    """Return the images as they are sent to the policy."""
+    """Return the images in the form in which they are sent to the policy."""
     if adapter is None:
         return tuple(ShownImage(name, np.asarray(p), _note(name, p, None)) for name, p in seen.images.items())
     rules = {

@@ -1,9 +1,9 @@
 """Replay proof: a policy gets the observations of a demonstration, and its actions are compared with the demonstration.
 
-The path that the policy's actions command is compared with the path of the demonstration, axis by axis. If the actions
-are interpreted with wrong units, in a wrong frame or with a wrong sign, the path is scaled, rotated or mirrored. The
-ratio of the two paths along each axis shows this. The actions are also executed in a separate scene, to measure how far
-the end effector ends from the end of the demonstration.
+For each axis, the path that the policy's actions command is compared with the path of the demonstration. If the actions
+are interpreted with wrong units, in a wrong frame or with a wrong sign, the path is scaled, rotated or mirrored, which
+can be seen from the ratio of the two paths along each axis. The actions are also executed in a separate scene. The
+distance between the end effector's final position and that of the demonstration is then measured.
 
 The paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """
@@ -62,12 +62,13 @@ class AxisProof:
     """Comparison of a policy with the demonstration along one axis.
 
     Attributes:
-        name: "x", "y", "z", a rotation "rx", "ry" or "rz" in the base frame, or a joint.
-        unit: "m" or "rad".
-        range: Extent of the demonstration's path.
-        factor: Slope of the policy's path over that of the demonstration, which is 1 if they are equal. None if the
-            demonstration hardly moves.
-        agreement: Cosine between the steps of both, from -1 to 1. None if one of them does not move.
+        name: Position "x", "y" or "z", rotation "rx", "ry" or "rz" in the base frame, or name of a joint.
+        unit: Unit of the axis, "m" or "rad".
+        range: Extent of the demonstration's path along the axis.
+        factor: Slope of a line fitted to the policy's path as a function of the demonstration's path. It is 1 if the
+            paths are equal, and None if the demonstration hardly moves.
+        agreement: Cosine similarity between the steps of the two paths, from -1 to 1. None if one of the paths does not
+            move.
         apart: Largest distance between the two paths.
     """
 
@@ -81,14 +82,15 @@ class AxisProof:
 
 @dataclass(frozen=True, slots=True)
 class ReplayProof:
-    """Result of a replay proof.
+    """Result of a replay proof, in which a policy gets the observations of a demonstration.
 
     Attributes:
         steps: Number of control steps of the demonstration that were replayed.
         requests: Number of requests sent to the policy.
-        axes: Comparison along each axis.
-        gripper: Fraction of the steps in which both gave the same gripper command.
-        executed_off_m: Distance between the end effector after all actions and the end of the demonstration [m].
+        axes: Comparison of the policy with the demonstration along each axis.
+        gripper: Fraction of the steps in which the policy and the demonstration gave the same gripper command.
+        executed_off_m: Distance between the end effector's final positions after the policy's actions and in the
+            demonstration [m].
     """
 
     steps: int
@@ -104,7 +106,7 @@ class ReplayProof:
 
     @property
     def follows(self) -> bool:
-        """Whether the policy follows the demonstration along each axis, possibly with another sign and scale."""
+        """Whether the policy follows the demonstration along each axis, apart from the sign and the scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
@@ -176,14 +178,14 @@ def prove_by_replay(
     quality: Quality,
     robot: str = USUAL_ROBOT,
 ) -> ReplayProof:
-    """Send the observations of an expert's demonstration of a trial to a policy, and compare the paths of both.
+    """Send a policy the observations of an expert's demonstration, and compare the policy's path with the expert's.
 
     Args:
-        client: Policy at the beginning of an episode.
+        client: Policy for which an episode has just begun.
         info: Description of the policy.
         trial: Trial that the expert demonstrates.
         space: Action space of the policy.
-        spec: Images that the policy gets.
+        spec: Specification of the images that the policy gets.
         quality: Rendering quality of the images.
         robot: Name of the robot.
 
@@ -243,7 +245,7 @@ def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """Commanded and measured state of the robot at a control step."""
+    """Commanded state and measured state of the robot at a control step."""
 
     commanded: ControllerState
     state: WorldState
@@ -280,7 +282,7 @@ class _Demonstration:
 
 
 class _Paths:
-    """Path of the demonstration and path of the policy's actions, stored at the end of each action chunk."""
+    """Path of the demonstration and path of the policy. Both are stored at the end of each action chunk."""
 
     units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
     names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
@@ -292,11 +294,14 @@ class _Paths:
         self._marked = [self._now.copy()]
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
-        """Add a control step, given the policy's action and the demonstration's states before and after the step."""
+        """Add a control step to both paths.
+
+        The step consists of the policy's action and the demonstration's states before and after it.
+        """
         raise NotImplementedError
 
     def mark(self) -> None:
-        """Store the points that both paths have reached."""
+        """Store the points that the two paths have reached so far."""
         self._marked.append(self._now.copy())
 
     def compare(self) -> tuple[AxisProof, ...]:
@@ -309,7 +314,7 @@ class _Paths:
 
 
 class _DeltaPaths(_Paths):
-    """Paths for delta actions: the steps of the end effector are summed up."""
+    """Paths for delta actions, as the sum of the end effector's steps."""
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         measured = self._space.name == EE_DELTA_MEASURED.name
@@ -321,7 +326,7 @@ class _DeltaPaths(_Paths):
 
 
 class _PosePaths(_Paths):
-    """Paths for absolute poses: poses of the end effector relative to the first pose of the demonstration."""
+    """Paths for absolute poses of the end effector, relative to the first pose of the demonstration."""
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         start, end = before.commanded.pose, after.commanded.pose
@@ -333,7 +338,7 @@ class _PosePaths(_Paths):
 
 
 class _JointPaths(_Paths):
-    """Paths for joint actions: joint angles relative to the first angles of the demonstration."""
+    """Paths for joint actions, as joint angles relative to the first angles of the demonstration."""
 
     def __init__(self, space: ActionSpace) -> None:
         self.names, self.units = space.components[:-1], space.units[:-1]
@@ -352,12 +357,12 @@ _PATHS: dict[str, type[_Paths]] = {"ee_delta": _DeltaPaths, "ee_delta_measured":
 
 
 def _turn(start: Quaternion, end: Quaternion) -> np.ndarray:
-    """Return the rotation vector (3,) [rad] that turns one rotation into another, in the base frame."""
+    """Return the rotation vector (3,) [rad], in the base frame, of the rotation from ``start`` to ``end``."""
     return np.array(to_axis_angle(turn_between(start, end)))
 
 
 def _compare(name: str, unit: str, demonstrated: np.ndarray, answered: np.ndarray) -> AxisProof:
-    """Compare two paths along one axis, each given as an (n,) array."""
+    """Compare two paths along one axis. Each path is an (n,) array."""
     spread = float(np.ptp(demonstrated))
     steps, answers = np.diff(demonstrated), np.diff(answered)
     lengths = float(np.linalg.norm(steps) * np.linalg.norm(answers))

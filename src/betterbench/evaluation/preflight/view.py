@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: the inputs of the policy, and the path of its first reply in the scene."""
+"""Content of a preflight sheet, which shows the policy's inputs and the path that its first reply commands."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ class PreflightView:
         title: Title of the sheet.
         trial: Description of the trial.
         prompt: Instruction as it is sent to the policy.
-        shown: Images. Empty for a policy without images.
-        no_images: Text that is shown if there are no images.
+        shown: Images that are sent to the policy. Empty for a policy without images.
+        no_images: Text that is shown instead of images if there are none.
         state: State inputs of the policy, as pairs of key and formatted values.
-        facts: Lines about the reply, as pairs of name and value.
+        facts: Facts about the policy's first reply, as pairs of name and value.
         latency: Sentence about the latency.
         scene: Image of the scene after the reset, (height, width, 3) uint8.
-        path: Pixels (n, 2) in ``scene`` through which the end effector moves if the complete reply is executed.
-        aim: Pixel (2,) of the end effector after the first action.
-        turn: Rotation and gripper command of the first action, as text.
+        path: Pixels (n, 2) in the image ``scene`` through which the end effector moves if the complete reply is
+            executed.
+        aim: Pixel (2,) of the end effector in ``scene`` after the first action.
+        turn: Text that describes the rotation and the gripper command of the first action.
     """
 
     title: str
@@ -52,7 +53,7 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of the sheet for the result of a preflight check.
+    """Return the content of the sheet that shows the result of a preflight check.
 
     Raises MissingDependencyError if off-screen OpenGL does not work on this machine.
     """
@@ -100,9 +101,9 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return the lines about a reply.
+    """Return facts about a policy's reply, as pairs of name and value.
 
-    They include how its first action and the complete reply move the end effector.
+    They include how far the first action and the complete reply move the end effector.
     """
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from the initial position"),)

@@ -24,9 +24,10 @@ class Cluster:
     """Address of a Ray cluster, and the number of policy replicas with their GPUs.
 
     Attributes:
-        address: Address of the cluster. If None, the variable RAY_ADDRESS gives the address. If the variable is not
-            set, a new cluster is started on this machine.
-        replicas: Number of copies of a policy that runs in a process (a checkpoint, or a policy that supports batches).
+        address: Address of the cluster. If it is None, the environment variable RAY_ADDRESS is used. If this variable
+            is not set, a new cluster is started on this machine.
+        replicas: Number of copies of the policy, if it runs in a process (such as a checkpoint or a policy that
+            supports batches).
         replica_gpus: Number of GPUs per replica. If None, it is 1 if the cluster has GPUs, and 0 otherwise.
     """
 
@@ -36,16 +37,19 @@ class Cluster:
 
     @property
     def given(self) -> str | None:
-        """Address of the cluster, which may also come from the environment. None if no address is given."""
+        """Address of the cluster, from the settings or from the environment variable RAY_ADDRESS.
+
+        None if neither is set.
+        """
         return self.address or os.environ.get("RAY_ADDRESS") or None
 
     def __post_init__(self) -> None:
         """Raise InvalidInputError if a number is out of range."""
         if not 1 <= self.replicas <= 256:
-            raise InvalidInputError("--replicas", f"{self.replicas} is out of range", "Give a number from 1 to 256")
+            raise InvalidInputError("--replicas", f"{self.replicas} is out of range", "Use a number from 1 to 256")
         if self.replica_gpus is not None and not 0.0 <= self.replica_gpus <= 64.0:
             raise InvalidInputError(
-                "--replica-gpus", f"{self.replica_gpus:g} is out of range", "Give a number from 0 to 64"
+                "--replica-gpus", f"{self.replica_gpus:g} is out of range", "Use a number from 0 to 64"
             )
 
 

@@ -54,11 +54,13 @@ def ray_entries(
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster. Yield each journal entry after the record of the trial has been written.
 
-    Only this process writes to the run folder. A round of trials is requested when the previous round has ended. If
-    ``served`` is True, the policy runs in replicas. ``steps`` counts the control steps that workers report.
+    Only this process writes to the run folder. The trials come in rounds, and the next round is requested when the
+    previous one has ended. If ``served`` is True, the policy runs in replicas. ``steps`` counts the control steps that
+    workers report.
 
     Raises:
-        InvalidInputError: If the cluster has no free resources, or its machines have other versions of the software.
+        InvalidInputError: If the cluster has no free resources, or the software versions on its machines differ from
+            those on this machine.
         WorkerError: If workers keep dying or cannot start, or if the cluster is lost.
         BetterError: If an error stops the run, such as a false premise, a full disk or an unreachable policy.
     """
@@ -76,7 +78,7 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """State of one worker as the pool of workers knows it."""
+    """State of one worker, as far as the pool of workers knows it."""
 
     actor: Any
     calls: deque[Any]  # calls that have not returned, the oldest first
@@ -141,7 +143,10 @@ class RayPool:
         return bool(self._ledger.left or any(worker.trials for worker in self._workers))
 
     def _add_worker(self, replica: int | None = None) -> None:
-        """Add a worker. If there are replicas, the worker uses the given replica, or else the next one in turn."""
+        """Add a worker.
+
+        If the policy runs in replicas, the worker uses the given one, or by default the next one in turn.
+        """
         settings, addresses = self._settings, self._replicas.addresses
         if addresses:
             replica = self._made % len(addresses) if replica is None else replica
@@ -158,7 +163,10 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Give a worker an equal share of the trials. While many trials are left, it also gets one trial to queue."""
+        """Give a worker an equal share of the trials that are left.
+
+        While many trials are left, the worker also gets one more trial, which waits in its queue.
+        """
         if not worker.ready:
             return
         if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):
@@ -176,7 +184,7 @@ class RayPool:
             new = []
 
     def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
-        """Store the results of a finished call to a worker, and yield the journal entries in it."""
+        """Store the results of a call that a worker has finished, and yield the journal entries in the results."""
         if call not in worker.calls:
             return  # result of a worker that has died in the meantime
         errors = self._ray.exceptions
@@ -222,7 +230,7 @@ class RayPool:
             write_durably(path, data)
 
     def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
-        """Check that a worker that has been prepared has the same versions of the software as this process."""
+        """Check that a worker that has been prepared uses the same software versions as this process."""
         here = versions_here()
         other = {name: value for name, value in versions.items() if here.get(name, value) != value}
         if other:
@@ -237,7 +245,10 @@ class RayPool:
         worker.ready = True
 
     def _handle_exit(self, worker: _WorkerActor, error: Exception) -> Iterator[JournalEntry]:
-        """Replace a worker that was lost. Trials that it has not finished are queued again or given up."""
+        """Replace a worker that was lost.
+
+        Its unfinished trials are queued again or, after too many attempts, given up.
+        """
         logger.warning("a worker of the cluster died; other workers take its %d trials", len(worker.trials))
         self._workers.remove(worker)
         kill(self._ray, [worker.actor])
@@ -248,7 +259,10 @@ class RayPool:
             self._add_worker(worker.replica)
 
     def _replace_replicas(self) -> bool:
-        """Replace the replicas that have died, together with their workers. Return whether any was replaced."""
+        """Replace the replicas that have died, and the workers that use them.
+
+        Return whether any replica was replaced.
+        """
         dead = self._replicas.replace_dead()
         for worker in [w for w in self._workers if w.replica in dead]:
             self._workers.remove(worker)

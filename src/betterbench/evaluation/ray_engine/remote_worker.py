@@ -39,10 +39,10 @@ class Turn:
 
     Attributes:
         deliveries: Trials that have ended.
-        scenes: Scene files that have not been delivered yet, by hash.
+        scenes: Contents of the scene files that have not been delivered yet, by hash.
         problem: Error that must stop the run, or None.
-        envs: Number of trials that the worker can run at the same time from now on. 0 if it is not known.
-        steps: Number of control steps.
+        envs: Number of trials that the worker can run at the same time from now on, or 0 if this is not known.
+        steps: Number of control steps since the last report.
     """
 
     deliveries: tuple[Delivery, ...] = ()
@@ -53,7 +53,10 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return the versions and the architecture, which must be the same on all machines for bit-identical results."""
+    """Return the software versions and the CPU architecture of this machine.
+
+    They must be the same on all machines of a run, since only then are the results bit-identical.
+    """
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,
@@ -69,7 +72,7 @@ class RemoteWorker:
     """
 
     def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
-        """Store the settings, the content of ``run.json``, and the hashes of scenes that the run folder already has."""
+        """Store the settings, the content of ``run.json``, and the hashes of the scenes already in the run folder."""
         self._settings, self._description, self._known = settings, description, tuple(known)
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
@@ -77,10 +80,11 @@ class RemoteWorker:
         self._steps = 0  # since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
-        """Prepare the worker. ``secrets`` contains additional environment variables.
+        """Prepare the worker.
 
-        Return the versions on this machine, to be compared with those of the driver. If the worker cannot be prepared,
-        the entry "problem" says why.
+        ``secrets`` contains environment variables that the worker needs to connect to the policy. Return the versions
+        on this machine, to be compared with those of the driver. If the worker cannot be prepared, the returned entry
+        "problem" contains the reason.
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
@@ -101,9 +105,9 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Accept trials, run for a while, and return a report. A trial waits until an environment is free."""
+        """Accept trials, run for a while, and return a report. Trials wait until an environment is free."""
         if self._worker is None:
-            raise InvalidInputError("worker", "it is not prepared", "Call prepare first")
+            raise InvalidInputError("worker", "the worker is not prepared", "Call prepare first")
         self._waiting.extend(trials)
         while self._waiting and self._worker.free:
             self._worker.start(self._waiting.popleft())
@@ -129,7 +133,7 @@ class RemoteWorker:
 
     def _run(self) -> RunFolder:
         if self._folder is None:
-            raise InvalidInputError("worker", "it is closed", "Create a new worker")
+            raise InvalidInputError("worker", "the worker is closed", "Create a new worker")
         return RunFolder.open(Path(self._folder.name))
 
     def _record(self, entry: JournalEntry) -> bytes | None:
@@ -141,9 +145,9 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scene files that have been written since the last call, and make these files empty.
+        """Return the scene files that have been written since the last call, and empty these files.
 
-        The names of the files still show which scenes have been sent.
+        The empty files are kept, because their names show which scenes have already been sent.
         """
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):

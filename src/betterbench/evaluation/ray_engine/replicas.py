@@ -76,7 +76,7 @@ class Replicas:
         kill(self._session.ray, actors)
 
     def _started(self, count: int) -> tuple[list[Any], list[str]]:
-        """Start a number of replicas. Return them and their addresses."""
+        """Start the given number of replicas. Return the replicas and their addresses."""
         ray, gpus = self._session.ray, self._session.replica_gpus()
         remote = ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
         actors = [remote.remote(self._settings.policy) for _ in range(count)]
@@ -91,18 +91,18 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until the replicas have resources on the cluster. Only then do they load the policy."""
+        """Wait until the cluster has allocated resources to all replicas. Only then do the replicas load the policy."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(
                 "--replicas",
                 f"no free resources for {len(late)} of {len(placed)} replicas with {gpus:g} GPUs each "
                 f"(free: {self._session.free_text()})",
-                "Give fewer --replicas, or a fraction of a GPU with --replica-gpus",
+                "Reduce --replicas, or give each replica only a fraction of a GPU with --replica-gpus",
             )
 
     def _address(self, starting: Any) -> str:  # noqa: ANN401 -- a reference of Ray
-        """Return the address of a replica as soon as it has loaded the policy. There is no time limit."""
+        """Wait until a replica has loaded the policy, without a time limit. Return the replica's address."""
         ray, policy = self._session.ray, self._settings.policy
         try:
             address, problem = ray.get(starting)
@@ -123,9 +123,9 @@ class Replicas:
 
 
 class _Replica:
-    """Copy of the policy, served with openpi's protocol on the network address of its machine.
+    """Copy of the policy on a Ray cluster. It is served with openpi's protocol on the network address of its machine.
 
-    Clients must send the key.
+    Clients must send the API key.
     """
 
     def __init__(self, policy: str) -> None:
@@ -137,9 +137,9 @@ class _Replica:
         return self._server is not None
 
     def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
-        """Serve the policy.
+        """Serve the policy. Return the address, or an error if serving fails.
 
-        Return the address, or the error if this fails. ``limit_s`` is the deadline of a reply [s].
+        ``limit_s`` is the maximum time for a reply [s].
         """
         node: str = importlib.import_module("ray").util.get_node_ip_address()
         try:

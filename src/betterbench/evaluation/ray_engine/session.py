@@ -23,7 +23,7 @@ def import_ray() -> Any:  # noqa: ANN401 -- a module without types
 
 
 def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a module without types
-    """Return the exceptions that Ray raises if the cluster or a part of it is lost."""
+    """Return the exceptions that Ray raises if the cluster or a part of the cluster is lost."""
     return ray.exceptions.RayError, ConnectionError
 
 
@@ -40,7 +40,11 @@ def cluster_lost(error: Exception) -> WorkerError:
 
 
 def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an error of Ray
-    """Return the error of betterbench that was raised on the cluster. Any other exception becomes a one-line error."""
+    """Convert an exception from the cluster to an error of betterbench.
+
+    An error of betterbench that was raised on the cluster is returned unchanged. Other exceptions are summarized in one
+    line.
+    """
     if isinstance(error.cause, BetterError):
         return error.cause
     return WorkerError(f"{what}: {first_line(error)}. {TRY_AGAIN}")
@@ -53,7 +57,7 @@ class RaySession:
     """
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
-        """Store the settings. By default, there are as many workers as the cluster has CPU cores."""
+        """Store the settings. By default, the number of workers equals the number of CPU cores in the cluster."""
         self.cluster, self.ray = cluster, import_ray()
         self._workers = workers
         self._owned = False
@@ -88,7 +92,7 @@ class RaySession:
 
     @property
     def workers(self) -> int:
-        """Number of workers: the requested number, or else the number of CPU cores of the cluster."""
+        """Number of workers: the requested number or, by default, the number of CPU cores in the cluster."""
         return self._workers or max(1, int(self._total("CPU")))
 
     def replica_gpus(self) -> float:
@@ -99,12 +103,12 @@ class RaySession:
         return 1.0 if self._total("GPU") >= self.cluster.replicas else 0.0
 
     def free_text(self) -> str:
-        """Describe the free resources of the cluster, for messages."""
+        """Describe the free resources of the cluster, for use in messages."""
         free = self.ray.available_resources()
         return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
 
     def _total(self, resource: str) -> float:
-        """Return how much of a resource the cluster has in total, including what is in use."""
+        """Return the total amount of a resource in the cluster, including the part that is in use."""
         try:
             return float(self.ray.cluster_resources().get(resource, 0.0))
         except loss_errors(self.ray) as error:

@@ -1,4 +1,4 @@
-"""External runs: the user's own loop gets observations and sends actions, and betterbench records the trials."""
+"""External runs: betterbench records trials in which the user's own loop gets observations and sends actions."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """Run whose trials are executed by the user's own loop. It writes the same records as ``better eval``.
+    """Run whose trials are executed by the user's own evaluation loop. It writes the same records as ``better eval``.
 
-    Several processes may run different trials of one run, because the run folder is locked only while a line is
-    written. Use this class as a context manager.
+    Several processes may run different trials of one run at the same time, because the run folder is locked only while
+    a line is written. Use this class as a context manager.
 
     Attributes:
         start: :class:`EpisodeStart` of the current episode, or None.
-        entry: Journal entry of the last episode that has ended, or None.
+        entry: Journal entry of the episode that ended last, or None.
     """
 
     def __init__(
@@ -59,9 +59,9 @@ class ExternalRun:
     ) -> None:
         """Create a run. If the folder already contains a run with the same plan, resume that run.
 
-        The policy in the plan is the name that the policy gets in the report. If ``needs_images`` is False, no images
-        are rendered. ``metadata`` contains further facts about the policy (checkpoint, revision); values that are JSON
-        text are parsed. ``engine`` is the name of the user's loop in the manifest.
+        The report shows the policy under the name that the plan contains. If ``needs_images`` is False, no images are
+        rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), and values that are JSON
+        text are parsed. ``engine`` is the name of the user's loop, which is stored in the manifest.
 
         Raises:
             InvalidInputError: If the policy name is reserved for a built-in policy.
@@ -70,7 +70,9 @@ class ExternalRun:
         """
         if not needs_in_run(plan.policy).thread:
             raise InvalidInputError(
-                "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give your policy another name"
+                "policy",
+                f"the name {plan.policy!r} is reserved for a built-in policy",
+                "Choose another name for your policy",
             )
         info = PolicyInfo(plan.policy, plan.action_space, needs_images=needs_images, metadata=dict(metadata or {}))
         declared = describe_policy(plan.policy, info)
@@ -89,9 +91,8 @@ class ExternalRun:
     def waiting(self) -> Iterator[Trial]:
         """Yield the trials that are not finished, in the order of the plan.
 
-        Other processes may finish some of them meanwhile.
-
-        If the plan has ``until_decided``, the next round follows when all trials of the previous round are finished.
+        Other processes may finish some of the yielded trials in the meantime. If the plan has ``until_decided``, the
+        next round of trials is yielded when all trials of the previous round are finished.
         """
         for trials in Schedule(self.plan, is_done=self._is_done, succeeded=self.folder.succeeded).rounds():
             for trial in trials:
@@ -110,11 +111,11 @@ class ExternalRun:
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
-        """Run a complete trial with a function as the policy. Return the journal entry of the trial.
+        """Run a complete trial in which a function acts as the policy. Return the journal entry of the trial.
 
         ``act`` maps an observation to one action (dim,) or to a chunk (horizon, dim). If it raises an exception, the
-        trial ends as ``policy_error``, and the run can continue. Raises the errors of the methods :meth:`begin` and
-        :meth:`act`.
+        trial ends as ``policy_error``, and the run can continue. The errors of the methods :meth:`begin` and
+        :meth:`act` are raised.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:
@@ -167,7 +168,7 @@ class ExternalRun:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """End the current episode, if there is one. The trial is repeated when the run is resumed.
+        """End the current episode, if any, without a result. The trial is repeated when the run is resumed.
 
         ``reason`` is written to the journal.
         """
@@ -223,7 +224,7 @@ class ExternalRun:
 
 
 class _Declared(PolicyFactory):
-    """Description of a policy that the user's own loop calls."""
+    """Description of a policy that is called by the user's own evaluation loop."""
 
     def __init__(self, info: PolicyInfo) -> None:
         super().__init__(info.name, kind=kind_of_callers(info.name))
@@ -233,8 +234,8 @@ class _Declared(PolicyFactory):
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
     """Open the run or create it. Several processes may do this at the same time.
 
-    An existing run is opened without a lock, because locking removes incomplete records, which another process may be
-    writing at that moment.
+    An existing run is opened without a lock, because locking would remove incomplete records that another process may
+    be writing at that moment.
     """
     form = json.loads(json.dumps(plan.to_json()))
     for left in reversed(range(_STARTS)):

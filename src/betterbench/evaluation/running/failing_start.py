@@ -1,4 +1,4 @@
-"""Warning that the first trials of a run all end with the same error."""
+"""Warning that is logged if the first trials of a run all end with the same error."""
 
 from __future__ import annotations
 

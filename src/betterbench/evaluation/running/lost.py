@@ -1,4 +1,4 @@
-"""Search for finished trials whose record or scene cannot be used. A resumed run repeats these trials."""
+"""Search for finished trials whose record or scene cannot be used. They are repeated when the run is resumed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Mark finished trials whose files cannot be used as unfinished in the journal. Return the number of these trials.
+    """Find finished trials whose files cannot be used, and mark them as unfinished. Return the number of such trials.
 
-    Files that cannot be used are moved to ``RUN/set-aside`` and never deleted. Raises OSError if they cannot be moved.
+    The mark is written to the journal. Files that cannot be used are moved to ``RUN/set-aside`` and never deleted.
+    Raises OSError if they cannot be moved.
     """
     lost = 0
     sound: set[tuple[str, str | None]] = set()

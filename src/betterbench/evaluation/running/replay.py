@@ -35,11 +35,13 @@ class ReplayCheck:
 
     Attributes:
         rows: Number of rows that were compared.
-        first_difference: First row whose state differs, or None if all states are equal.
-        largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker computes the recorded values again and the outcome follows from them.
+        first_difference: Index of the first row whose state differs, or None if all states are equal.
+        largest_difference: Largest difference in a position or angle [m, rad].
+        verdict_agrees: Whether the goal tracker again computes the recorded values, and the recorded outcome follows
+            from these values.
         notes: Possible reasons for a difference.
-        differing: Descriptions of the fields that differ. For single values, both are given.
+        differing: Descriptions of the fields that differ. If a field is a single value, its description contains both
+            values.
         fields: Number of fields that were compared.
     """
 
@@ -60,8 +62,8 @@ class ReplayCheck:
 def check_record(path: Path) -> ReplayCheck:
     """Simulate the actions of a record again, and compare all results.
 
-    All columns, the outcome, and the metadata except versions are compared. A record in a run folder is also compared
-    with the plan and the journal of the run.
+    All columns, the outcome, and all metadata except the versions are compared. A record in a run folder is also
+    compared with the plan and the journal of the run.
 
     Raises:
         RecordError: If the record or the scene cannot be read, or if the record contradicts the plan or the journal.
@@ -84,15 +86,15 @@ def check_record(path: Path) -> ReplayCheck:
     try:
         again, truth, met = _simulate(scene, record, found)
     except InvalidActionError as problem:
-        raise RecordError(f"{path}: its actions cannot be executed ({problem}). Record it again.") from problem
+        raise RecordError(f"{path}: the recorded actions cannot be executed ({problem}). Record it again.") from problem
     return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, truth, met))
 
 
 def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
     """Create the scene of a record.
 
-    The robot and the rendering quality are those named in the record or the plan. If they are not known, those with
-    which the scene matches the record are used.
+    The robot and the rendering quality are named in the record or in the plan. If they are not, several are tried until
+    the scene matches the record.
     """
     meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
@@ -121,10 +123,10 @@ def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object])
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run that contains a record, after comparing the record with the plan and the journal of the run.
+    """Return the run that contains a record. Before that, compare the record with the plan and the journal of the run.
 
-    Return None for a record that is not in a run. Raises RecordError if the comparison fails, or if the record does not
-    have the path that belongs to its trial.
+    Return None for a record that is not in a run. Raises RecordError if the comparison fails, or if the record is not
+    stored at the path for its trial.
     """
     place = path.absolute()
     if len(place.parents) < 4 or not (place.parents[3] / "run.json").is_file():
@@ -136,15 +138,15 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
         run.read_record(task, condition, meta.seed)
         return run
     raise RecordError(
-        f"{path}: this is the record of {meta.task}/{meta.condition} seed {meta.seed}, but its path in the run is that "
-        "of another trial. Move the file to the path of its trial."
+        f"{path}: this file is the record of {meta.task}/{meta.condition} seed {meta.seed}, but its path in the run is "
+        "that of another trial. Move the file to the path of its trial."
     )
 
 
 def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
     """Replay the actions of a record in a scene.
 
-    Returns the new record, the last values of the predicates, and the first row with success (or None).
+    Return the new record, the final values of the predicates, and the first row at which the goal is reached (or None).
     """
     meta = record.metadata
     tracker = GoalTracker(
@@ -183,7 +185,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
 
 
 def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
-    """Yield the differences between the recorded outcome and the outcome of the replay."""
+    """Yield the differences between the recorded outcome and the outcome of the replay, as text."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
     if truth.success:
@@ -240,7 +242,7 @@ def _compare(record: Record, again: Record, notes: tuple[str, ...], *, outcome: 
 
 
 def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return the rows in which two columns are not bit-identical."""
+    """Return the indices of the rows in which two columns are not bit-identical."""
     a, b = (np.ascontiguousarray(x).reshape(len(x), -1) for x in (ours, theirs))
     if a.shape[1] == 0:
         return np.empty(0, dtype=np.intp)
@@ -248,7 +250,7 @@ def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _metadata(record: Record, again: Record) -> Iterator[str]:
-    """Yield the metadata that differ from those of the replay."""
+    """Yield the metadata that differ between the record and the replay."""
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:

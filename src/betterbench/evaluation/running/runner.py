@@ -65,9 +65,9 @@ class Progress:
         done: Number of finished trials.
         planned: Number of trials in the plan. With ``--until-decided``, this is the largest number that may be needed.
         elapsed_s: Time since this process started to run trials [s].
-        started_with: Number of trials that were finished before.
+        started_with: Number of trials that were already finished when this process started.
         last: Journal entry of the trial that ended last, or None.
-        decisions: Decisions after the last round of a run with ``--until-decided``, or None.
+        decisions: Verdicts on the variations after the last round of a run with ``--until-decided``, or None.
     """
 
     done: int
@@ -93,33 +93,34 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run all trials of a plan that are not in the journal. With ``until_decided``, run only those that are needed.
+    """Run all trials of a plan that the journal does not contain as finished.
 
-    Trials whose record is missing or damaged are run again. The conventions of the policy are checked before anything
-    is written. Results do not depend on the engine or on the number of workers and environments.
+    If the plan has ``until_decided``, only the trials that are needed for the verdicts are run. Trials whose record is
+    missing or damaged are run again. The conventions of the policy are checked before anything is written. Results do
+    not depend on the engine or on the number of workers and environments.
 
     Args:
         plan: Plan of the run. An unfinished run with the same plan is resumed.
         out: Run folder.
-        workers: Number of worker processes. With 1, the trials run in this process, but a user's policy always runs in
-            a separate process. If None, there is one worker per CPU core of this machine or cluster, or a single worker
-            if each worker would have to load the weights of the policy again.
-        envs: Number of environments per worker. If None, it is 1 for a policy that answers immediately. For other
-            policies, a warm-up measures how long the policy and the simulation take, and chooses a number that fits
-            into the free memory.
+        workers: Number of worker processes. If it is 1, the trials run in this process, but a user's policy always runs
+            in a separate process. If it is None, there is one worker per CPU core of this machine or cluster, or only
+            one worker if each worker would have to load the weights of the policy.
+        envs: Number of environments per worker. If it is None, policies that answer immediately get one environment.
+            For other policies, the number is chosen in a warm-up, which measures how long the policy and the simulation
+            take, and is limited by the free memory.
         engine: "local" for processes on this machine, or "ray" for actors on a Ray cluster.
         cluster: Ray cluster to use.
-        policy_timeout_s: Deadline for one answer of a policy that runs in a worker process [s]. A late answer ends the
-            trial.
-        allow_changed_policy: Whether a run may be resumed although the description of the policy has changed since the
-            run was started.
-        repeats: Earlier run that must have the same policy, unless ``allow_changed_policy`` is True. None if there is
-            no such run.
-        policies: Factory of a policy object that has no address, for a single worker. If None, the policy address in
-            the plan is used.
+        policy_timeout_s: Maximum time for one answer of a policy that runs in a worker process [s]. A later answer ends
+            the trial.
+        allow_changed_policy: Whether a run may be resumed even if the description of the policy has changed since the
+            run began.
+        repeats: Earlier run that this run repeats, or None. Unless ``allow_changed_policy`` is True, it must have the
+            same policy.
+        policies: Factory for a policy object that has no address. It requires a single worker. If it is None, the
+            policy address in the plan is used.
         on_progress: Function that is called once at the start and after every trial.
-        on_steps: Function that is called about twice a second with the number of control steps since this process
-            started.
+        on_steps: Function that is called about twice a second with the number of control steps that were executed since
+            this process started.
 
     Raises:
         RunConflictError: If the folder contains a different run, if another process writes to it, or if the policy has
@@ -168,7 +169,7 @@ def evaluate(
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Log what had to be assumed about a policy, and check that this machine can render the images it needs.
+    """Log the assumptions made about a policy, and check that this machine can render the images that the policy needs.
 
     Without this check, every trial would fail for the same reason.
     """
@@ -179,7 +180,10 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
 
 
 def _restored(run: RunFolder, journal: Journal, needs: PolicyNeeds) -> bool:
-    """Restore files of the run that were removed. Return whether trials have lost their records."""
+    """Restore files of the run that were removed.
+
+    Return whether trials must be repeated because their records are lost.
+    """
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
         return (any(changed) or needs.process) and reopen_lost(run, journal) > 0
@@ -219,7 +223,7 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Facts about the policy that are determined before the run starts."""
+    """Facts about the policy, which are determined before the run starts."""
 
     info: PolicyInfo
     envs: int  # default number of environments per worker
@@ -232,7 +236,10 @@ class _Asked:
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Create the policy or connect to it, and compare conventions. Closing the stack releases its resources."""
+    """Create the policy or connect to it, and compare the conventions of the policy with those of the run.
+
+    When ``stack`` is closed, the resources of the policy are released.
+    """
     if given is not None:
         return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
     address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
@@ -260,7 +267,7 @@ def _ask_policy(
 def _with_policy(
     settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
 ) -> RunSettings:
-    """Return the settings completed with facts about the policy and with the number of environments."""
+    """Return a copy of the settings, completed with facts about the policy and with the number of environments."""
     first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
         settings,
@@ -273,7 +280,7 @@ def _with_policy(
 
 
 def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
-    """Return the description of the engine that is stored in ``run.json``."""
+    """Return the description of the execution engine, in the form that is stored in ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
         form["most_envs"] = settings.most_envs  # the warm-up chooses the number, which is stored in the journal
@@ -282,11 +289,13 @@ def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
 
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
     if workers is not None and not 1 <= workers <= MAX_WORKERS:
-        raise InvalidInputError("--workers", f"{workers} is out of range", f"Give a number from 1 to {MAX_WORKERS}")
+        raise InvalidInputError("--workers", f"{workers} is out of range", f"Use a number from 1 to {MAX_WORKERS}")
     if envs is not None and not 1 <= envs <= MAX_ENVS:
-        raise InvalidInputError("--envs", f"{envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+        raise InvalidInputError("--envs", f"{envs} is out of range", f"Use a number from 1 to {MAX_ENVS}")
     if not 0.0 < policy_timeout_s < float("inf"):
-        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Give a number above 0")
+        raise InvalidInputError(
+            "--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Use a number greater than 0"
+        )
     if engine not in get_args(Engine):
         raise UnknownNameError("engine", engine, get_args(Engine))
 

@@ -1,6 +1,6 @@
 """Policy host: a process that serves a policy to all workers of a run with openpi's protocol.
 
-The policy itself runs in a child process of the host, so that a crash affects only the current trial.
+The policy itself runs in a child process of the host, so a crash of the policy affects only the current trial.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class Host:
 
         Args:
             policy: Address of the policy.
-            run: Action space and observation preset of the run, to compare conventions.
-            timeout_s: Deadline of one answer of the policy [s].
-            world: Benchmark whose conventions are used with a server, such as "libero", or empty.
+            run: Action space and observation preset of the run, with which the policy's conventions are compared.
+            timeout_s: Maximum time for one answer of the policy [s].
+            world: Benchmark whose conventions apply, such as "libero", or empty.
             rate_hz: Control rate of the run [Hz].
         """
         self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world, rate_hz), timeout_s, 0
@@ -92,11 +92,11 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Policy address that workers use. The server itself declares how chunks are executed."""
+        """Policy address for the workers. The server itself tells them how to execute action chunks."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
-        """Restart the process at the same port if it has died. Raises PolicyError if it has died too often."""
+        """Restart the process with the same port if it has died. Raises PolicyError if it has died too many times."""
         if self._running is None or self._running.process.is_alive():
             return
         status = self._running.process.exitcode
@@ -140,7 +140,7 @@ class Host:
         )
 
     def _end(self) -> None:
-        """Let the process close its policy and end. If it does not end, kill it."""
+        """Ask the process to close its policy and exit. If it does not exit, kill it."""
         running, self._running = self._running, None
         if running is not None:
             running.end(_CLOSE_S)
@@ -149,7 +149,7 @@ class Host:
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     """Return the address under which the workers of a run reach a policy that the run itself serves.
 
-    Replies have the deadline ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a server that restarts.
+    A reply may take at most ``timeout_s`` [s]. Workers wait up to ``patience_s`` [s] for a server that restarts.
     """
     # The server enforces the deadline. The client's deadline is longer, and matters only if the server fails. The first
     # answer may have to wait until the weights have been loaded.
@@ -161,9 +161,9 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
     """Main function of a host process: serve a policy until the other end of ``pipe`` is closed.
 
-    ``run`` contains the action space, the observation preset, the benchmark whose conventions are used with a server
-    (such as "libero", or empty), and the control rate [Hz]. The port 0 stands for any free port. The description of the
-    policy and the port, or an error, are sent to ``pipe``.
+    ``run`` contains the action space, the observation preset, the benchmark whose conventions apply (such as "libero",
+    or empty), and the control rate [Hz]. Port 0 stands for any free port. The description of the policy and the port,
+    or an error, are sent to ``pipe``.
     """
     prepare_process()
     space, observation, world, rate_hz = run

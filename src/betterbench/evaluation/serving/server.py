@@ -64,15 +64,16 @@ def open_server(
         host: Interface to listen on.
         port: Port to listen on. 0 selects any free port.
         chunk: Number of actions in a reply of an expert.
-        batch: Largest number of observations in one call to a policy that supports batches.
-        clients: Largest number of simultaneous clients. Workers of a run do not count.
-        trial: Trial for clients that do not name one. If None, an expert finds the trial by its instruction.
+        batch: Maximum number of observations in one call of a policy that supports batches.
+        clients: Maximum number of simultaneous clients. Workers of a run do not count as clients.
+        trial: Trial for clients that do not name a trial. If it is None, the server of an expert finds the trial by its
+            instruction.
         robot: Robot that the clients of an expert use.
-        layout: Preset that describes an expert's requests and replies. If None, clients may use the native layout and
-            openpi's LIBERO layout.
+        layout: Preset that describes the requests to an expert and the replies. If it is None, clients may use the
+            native layout and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
-        made: Policy instance to serve, which the server closes. If None, it is created.
-        deadline: Deadline of a reply if the clients are workers of a run. None for other clients.
+        made: Policy instance to serve. The server closes it. If it is None, the server creates an instance.
+        deadline: Deadline for replies if the clients are workers of a run, otherwise None.
 
     Raises:
         InvalidInputError: If an option is out of range, if the policy cannot be served, if a checkpoint is missing or
@@ -82,9 +83,9 @@ def open_server(
     if not 1 <= chunk <= MAX_CHUNK:
         raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give a number from 1 to {MAX_CHUNK}")
     if not 1 <= batch <= 1024:
-        raise InvalidInputError("--batch", f"{batch} is out of range", "Give a number from 1 to 1024")
+        raise InvalidInputError("--batch", f"{batch} is out of range", "Use a number from 1 to 1024")
     if not 1 <= clients <= MOST_CLIENTS:
-        raise InvalidInputError("--clients", f"{clients} is out of range", f"Give a number from 1 to {MOST_CLIENTS}")
+        raise InvalidInputError("--clients", f"{clients} is out of range", f"Use a number from 1 to {MOST_CLIENTS}")
     kind = kind_of(policy)
     needs = kind.needs_of(policy)
     if needs.trial:
@@ -101,7 +102,7 @@ def open_server(
         raise InvalidInputError(
             "--layout",
             f"{policy} is not an expert, so it supports only the layouts native and openpi_libero",
-            "Omit it",
+            "Omit --layout",
         )
     kind.describe(kind.parse(policy))  # so that a missing checkpoint is reported now, not to the first client
     if needs.state:
@@ -155,11 +156,11 @@ def _shadow_metadata(
 
 
 class SessionStore:
-    """Instances of a policy. If the policy supports batches, all connections share one; otherwise each has its own.
+    """Store of policy instances. If the policy supports batches, all connections share one instance.
 
-    When a connection ends, its instance is used for the next connection, so that weights need not be loaded again when
-    a client reconnects. At most :data:`KEPT_INSTANCES` unused instances are kept. A new connection always begins with a
-    reset of the policy.
+    Otherwise, each connection has its own instance. When a connection ends, its instance is used for the next
+    connection, so that weights need not be loaded again when a client reconnects. At most :data:`KEPT_INSTANCES` unused
+    instances are kept. A new connection always begins with a reset of the policy.
     """
 
     def __init__(
@@ -227,17 +228,18 @@ def declare(
     cameras: tuple[str, ...] | None = None,
     expert: bool = False,
 ) -> dict[str, Any]:
-    """Return the metadata that a server sends to its clients first.
+    """Return the metadata that the server sends to each client when it connects.
 
     Args:
         policy: Address of the policy.
         space: Action space of the policy.
         needs_images: Whether the policy uses images.
-        batch: Largest number of observations in one call of the policy.
+        batch: Maximum number of observations in one call of the policy.
         more: Further facts for clients.
         execution: How clients execute action chunks.
-        cameras: Cameras that the policy uses, or None for all.
-        expert: Whether the server simulates the client's trial. betterbench's own clients then name the trial.
+        cameras: Cameras that the policy uses, or None for all cameras.
+        expert: Whether the policy is an expert, for which the server simulates the client's trial. If so, betterbench's
+            own clients name the trial in their requests.
     """
     return {
         "betterbench": {

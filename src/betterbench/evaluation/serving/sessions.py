@@ -1,4 +1,4 @@
-"""Sessions of the policy server, one per connection, for policies that use observations."""
+"""Sessions of the policy server for policies that use observations. Each connection has its own session."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:  # so that the host process does not import the tasks
 
 
 class PolicySession:
-    """Session of a client whose policy uses observations."""
+    """Session of a client, for a policy that uses observations."""
 
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Open a session. The policy instance belongs to this session, or it answers each observation independently.
+        """Open a session. The policy must belong to this session alone, or answer each observation independently.
 
         ``trial`` gives the episode number if a client does not send one. ``within`` is True if the client is a worker
-        of a run, since error messages then go into its records.
+        of a run. Error messages are then written to the records of the run.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
@@ -67,7 +67,7 @@ class PolicySession:
         return {"actions": np.ascontiguousarray(actions, dtype=np.float64)}
 
     def close(self) -> None:
-        """Call the function ``on_close``."""
+        """Close the session by calling the function ``on_close``."""
         if self._on_close is not None:
             self._on_close()
 
@@ -81,9 +81,9 @@ class Counter:
         self.begins = False
 
     def step(self, request: Request, episode: object) -> int:
-        """Return the control step of a request, and set ``begins`` if an episode begins.
+        """Return the control step of a request. Set ``begins`` to whether the request begins an episode.
 
-        ``episode`` is a value that is different in each episode.
+        ``episode`` is a value that differs from episode to episode.
         """
         key = (episode, request.instruction)
         self.begins = key != self._episode or request.step == 0
@@ -94,15 +94,18 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Remember that ``count`` actions were sent for the steps from ``step`` on.
+        """Remember that ``count`` actions were sent for the steps that begin with ``step``.
 
-        A client that does not send its step number is assumed to execute all of them.
+        A client that does not send its step number is assumed to execute all of these actions.
         """
         self._next = step + count
 
 
 def check_space(start: EpisodeStart, space: str, who: str) -> None:
-    """Raise InvalidInputError if the client's action space is not that of the served policy, which ``who`` names."""
+    """Raise InvalidInputError if the action space of the client is not that of the served policy.
+
+    ``who`` is the name of the policy in the error message.
+    """
     if start.action_space != space:
         raise InvalidInputError(
             "better/episode: action_space",

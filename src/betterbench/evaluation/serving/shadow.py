@@ -1,10 +1,11 @@
-"""Shadow simulations: the server of an expert simulates a copy of each client's scene.
+"""Shadow simulations: for each client of a served expert, the server simulates a copy of the client's scene.
 
-This is necessary because clients send only observations. A trial is determined by its ID: on the same machine, the same
-task, condition, seed and actions give bit-identical states. Therefore, a client needs to send only the control step to
-its shadow simulation. A client that executes only a part of a chunk, repeats a request, or reconnects (even to a server
-that has been restarted) gets the same actions. The client's measurements are compared with the state of the shadow
-simulation, to notice a client that executed other actions.
+This is necessary because the expert needs the state of the scene, but clients send only observations. The ID of a trial
+determines the trial completely: on the same kind of machine, the same task, condition, seed and actions give
+bit-identical states. Therefore, a client only has to send its control step. A client that executes only a part of a
+chunk, repeats a request, or reconnects (even to a server that has been restarted) gets the same actions. The client's
+measurements are compared with the state of the shadow simulation, in order to notice if the client has executed other
+actions.
 """
 
 from __future__ import annotations
@@ -49,20 +50,20 @@ SPARE = 4
 
 
 def require_within(trial: TrialId, step: int, step_limit: int) -> None:
-    """Raise InvalidInputError if a trial ends before a control step."""
+    """Raise InvalidInputError if the requested control step is after the end of the trial."""
     if step >= step_limit:
         raise InvalidInputError(
             "better/step",
-            f"{trial} ends after {step_limit} steps, but step {step} is requested",
-            "Begin a new episode with a new connection, another prompt, or better/step 0",
+            f"{trial} ends after {step_limit} steps, but step {step} was requested",
+            "Begin a new episode by opening a new connection, sending another prompt, or sending better/step 0",
         )
 
 
 class ShadowSimulation:
-    """Simulation of a trial with a privileged policy, from the start to the last step that has been requested."""
+    """Simulation of a trial with a privileged policy. It has advanced to the last step that was requested."""
 
     def __init__(self, policy: str, trial: TrialId, *, robot: str = USUAL_ROBOT) -> None:
-        """Build the scene and reset it. The policy uses the usual action space of the robot.
+        """Build the scene and reset it. The policy uses the standard action space of the robot.
 
         Raises:
             UnknownNameError: If the policy, task or condition does not exist.
@@ -93,10 +94,10 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return the policy's actions from a control step on, (1 to ``count``, dim).
+        """Return up to ``count`` actions of the policy, beginning with a control step, as an array (n, dim).
 
         If the policy fails at a later step, only the actions before the failure are returned. ``seen`` contains the
-        client's measurements at this step, which are compared with the simulation.
+        client's measurements at the control step, which are compared with the simulation.
 
         Raises:
             InvalidInputError: If the trial has ended before that step.
@@ -130,10 +131,11 @@ class ShadowSimulation:
         )
 
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
-        """Convert ``ee_delta`` actions (n, 7), executed from a control step on, to another action space as (n, dim).
+        """Convert ``ee_delta`` actions (n, 7) to another action space. Return an array (n, dim).
 
-        One step later, the converted actions have commanded the same poses and joint angles. If the action space is the
-        same, the actions are returned unchanged.
+        The actions are those that are executed from the given control step on. A converted action commands the same
+        pose or joint angles for the end of its control step as the original action. If the action space is the same,
+        the actions are returned unchanged.
         """
         if space == self._scene.action_space.name:
             return actions
@@ -155,7 +157,7 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Simulate until ``until`` actions are known.
+        """Continue the simulation until the number of known actions is ``until``.
 
         If the policy fails before that, its error is raised only if the action with the index ``needed`` is missing. If
         ``needed`` is None, the error is always raised.
@@ -181,7 +183,7 @@ class ShadowSimulation:
                 "better/joint_positions",
                 f"the client's robot has {len(seen.joint_positions)} joints, but the served {self._spec.title} "
                 f"has {len(here.joint_positions)}",
-                "Serve and evaluate with the same --robot",
+                "Use the same --robot for serving and evaluating",
             )
         joint = float(np.abs(seen.joint_positions - here.joint_positions).max())
         fingers = abs(seen.gripper_width - here.gripper_width)
@@ -219,7 +221,7 @@ def _measure(state: WorldState) -> _Measurement:
 
 
 class ShadowSimulations:
-    """Shadow simulations for the clients of one served policy, by trial."""
+    """Shadow simulations for the clients of one served policy, with one simulation per trial."""
 
     def __init__(self, policy: str, *, robot: str = USUAL_ROBOT) -> None:
         self._policy, self._robot = policy, robot
@@ -253,7 +255,7 @@ class ShadowSimulations:
             return_memory()
 
     def _drop_oldest(self) -> bool:
-        """Drop simulations that are no longer needed. Return whether there were any. The caller must hold the lock."""
+        """Drop simulations that are no longer needed. Return whether any was dropped. The caller must hold the lock."""
         most = min(KEPT, self._clients + SPARE)
         dropped = len(self._kept) > most
         while len(self._kept) > most:

@@ -1,4 +1,4 @@
-"""Sessions for clients of an expert, which gets the actions from shadow simulations."""
+"""Sessions for the clients of an expert. The sessions get the expert's actions from shadow simulations."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ States = list[tuple[StateRule, np.ndarray]]
 class ShadowSession:
     """Session of a client of an expert.
 
-    The session finds out the trial and the control step, and gets the actions from a shadow simulation.
+    The session determines the client's trial and control step, and gets the actions from the shadow simulation of this
+    trial.
     """
 
     def __init__(
@@ -47,9 +48,9 @@ class ShadowSession:
 
         Args:
             shadows: Shadow simulations of all clients.
-            chunk: Largest number of actions in one answer.
-            trial: Trial of a client that does not name one. If None, the trial is found by its instruction.
-            layout: Layout of requests and answers. If None, clients may use the native layout and openpi's LIBERO
+            chunk: Maximum number of actions in one reply.
+            trial: Trial of a client that does not name a trial. If it is None, the trial is found by its instruction.
+            layout: Layout of requests and replies. If it is None, clients may use the native layout and openpi's LIBERO
                 layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
@@ -71,8 +72,8 @@ class ShadowSession:
         instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
             raise PolicyError(
-                f"{trial}: the client's instruction is {request.instruction[:200]!r}, but this server's is "
-                f"{instruction!r}. Client and server have different versions"
+                f"{trial}: the client's instruction is {request.instruction[:200]!r}, but this server's instruction is "
+                f"{instruction!r}. Client and server have different versions of betterbench"
             )
         if request.step is not None:
             require_within(trial, request.step, found.task.step_limit(found.condition))
@@ -92,11 +93,11 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step of a client.
+        """Return the control step at which a client is.
 
-        It is the step that the client sent, the end of the last chunk, or a step within that chunk, because many
-        clients execute only some of the received actions, or repeat a request before they execute any. If a client does
-        not send its step, the step within the chunk is found by comparing states, each relative to the state at the
+        If the client sends its control step, this is the result. Otherwise, it is the end of the last chunk or a step
+        within that chunk, because many clients execute only some of the received actions, or repeat a request before
+        they execute any. The step within the chunk is found by comparing states, each relative to the state at the
         start of the episode. Raises PolicyError if no step matches.
         """
         if self._counter.begins or self._start is None:
@@ -123,16 +124,17 @@ class ShadowSession:
 
 
 def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
-    """Return how much the states of a client differ from an observation, both relative to the start of the episode.
+    """Return how much a client's states and a simulated observation differ, both relative to the start of the episode.
 
-    The result is the largest difference of any number [m, rad]. Rotation vectors are compared as rotations.
+    The result is the largest difference between two corresponding numbers [m, rad]. Rotation vectors are compared as
+    rotations.
 
     Args:
         states: States sent by the client.
-        seen: Observation.
-        first: Observation at the start of the episode.
+        seen: Simulated observation.
+        first: Simulated observation at the start of the episode.
         states_then: States that the client sent at the start of the episode.
-        layout: Adapter that defines the numbers of a state.
+        layout: Adapter that defines the meaning of the numbers in a state.
     """
     worst = 0.0
     then = {rule.key: sent for rule, sent in states_then}
@@ -150,12 +152,12 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
 
 
 def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
-    """Return the rotation that leads from one rotation vector (3,) to another, in the base frame."""
+    """Return the rotation, in the base frame, that leads from one rotation vector (3,) to another."""
     return turn_between(from_axis_angle(before.tolist()), from_axis_angle(now.tolist()))
 
 
 def trial_of(instruction: str) -> TrialId:
-    """Return the trial with seed 0 of the first training condition in the suite that has an instruction.
+    """Return the trial with seed 0 of the first training condition that has the given instruction.
 
     Raises InvalidInputError, which names the closest instructions, if no training condition has this instruction.
     """
@@ -178,11 +180,11 @@ def trial_of(instruction: str) -> TrialId:
 
 
 def require_layout(layout: Adapter, robot: str, own_space: str) -> None:
-    """Raise InvalidInputError if a layout cannot be used with the robot's own action space."""
+    """Raise InvalidInputError if a layout cannot be used for a robot that is served in the given action space."""
     space, spec = layout.answer.space, robot_named(robot)
     if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
         raise InvalidInputError(
             "--layout",
             f"{layout.name} uses the action space {space!r}, but the {spec.title} is served in {own_space!r}",
-            "Give a layout with this action space, or omit --layout",
+            "Choose a layout with this action space, or omit --layout",
         )

@@ -1,4 +1,4 @@
-"""Evaluation of a policy object that the caller passes to the run. It stays in this process."""
+"""Evaluation of a policy object that the caller passes to the run. The object is used only in this process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CALLERS = PolicyNeeds(thread=True)
 
 
 class GivenPolicy(PolicyFactory):
-    """Policy factory that always returns the caller's policy object, under the name that the object declares.
+    """Policy factory that always returns the caller's policy object. The policy has the name that the object declares.
 
     The object gets one observation at a time, even if it supports batches. The caller closes the object.
     """
@@ -36,7 +36,7 @@ class GivenPolicy(PolicyFactory):
         if not name or find_kind(name) is not None:
             problem = f"the name {name!r} is an address of betterbench" if name else "the name is empty"
             raise InvalidInputError(
-                "policy", problem, "Give its PolicyInfo another name, or pass the address as a string"
+                "policy", problem, "Use another name in its PolicyInfo, or pass the policy address as a string"
             )
         made = type(policy)
         super().__init__(name, kind=kind_of_callers(name, lambda: source_of(f"{made.__module__}:{made.__qualname__}")))
@@ -47,7 +47,7 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return a policy kind for the caller's policy object.
+    """Create a policy kind for the caller's policy object.
 
     The kind is not registered, because other processes cannot create the object.
 
@@ -69,14 +69,14 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 def needs_in_run(policy: str) -> PolicyNeeds:
     """Return what the policy of a plan needs.
 
-    A name that belongs to no policy kind is that of a caller's policy object.
+    If no policy kind has this name, the policy is an object that the caller has passed to the run.
     """
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:
-    """Wrapper around a policy that ignores ``close``."""
+    """Wrapper around a policy that does not close the policy when it is closed itself."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

@@ -1,4 +1,4 @@
-"""Thread that waits for the policy's answers while the simulation of other trials continues."""
+"""Thread that waits for the policy's answers, so that the simulation of other trials can continue meanwhile."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Answered:
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned for the request.
         outcome: Reply or exception. None after a successful :meth:`PolicyThread.connect`.
-        figures: Counts of the policy's connection since the start of the episode (retries, reconnects), by name.
-        wire_s: CPU time that this process spent on the messages: resizing, packing and sending images, and reading the
-            reply [s].
+        figures: Numbers of retries and reconnects of the policy's connection since the start of the episode, by name.
+        wire_s: CPU time that this process spent on the messages of this request: resizing, packing and sending images,
+            and reading the reply [s].
     """
 
     ticket: int
@@ -57,8 +57,8 @@ class PolicyThread:
         """Start the thread.
 
         If ``make`` fails, it is called again at the next request. ``client`` is True if the policy is one of
-        betterbench's own clients of a policy server. Its requests are then counted, and it is told the trial, which it
-        sends only to the server of an expert.
+        betterbench's own clients of a policy server. Its retries are then counted, and it is told the ID of each trial,
+        which it sends only to the server of an expert.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -72,29 +72,29 @@ class PolicyThread:
         self._thread.start()
 
     def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
-        """Send a request. Return the ticket with which the reply appears in the outbox."""
+        """Send a request. Return a ticket, which identifies the reply when it appears in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
 
     def connect(self) -> int:
-        """Create the policy without a request. Return the ticket that identifies the outcome in the outbox."""
+        """Create the policy without sending a request. Return a ticket, which identifies the outcome in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, None, None))
         return ticket
 
     @property
     def ready_at(self) -> float:
-        """Time at which the policy is ready, on the clock ``time.perf_counter`` [s].
+        """Time at which the policy is ready [s], as measured by ``time.perf_counter``.
 
-        Infinite until the policy has been loaded.
+        Infinite until the policy is loaded.
         """
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Use a new process for the next episode, since a trial has failed.
+        """Use a new process for the next episode, because a trial has failed.
 
-        Only a policy with its own process is affected.
+        This affects only a policy that runs in a separate process.
         """
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
@@ -139,14 +139,17 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Tell one of betterbench's own clients the trial that comes next. Do not call this for a user's policy."""
+    """Tell a client of a policy server which trial comes next.
+
+    This is only for betterbench's own clients, not for a user's policy.
+    """
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
 
 
 def ready_at(policy: object) -> float:
-    """Return the time from which a policy is ready [s], as the client of its process reports it."""
+    """Return the time at which a policy became ready [s], as reported by the client of the policy's process."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
@@ -158,11 +161,14 @@ def shared_cost_s(policy: object) -> float:
 
 
 def no_answer(limit_s: float) -> PolicyError:
-    """Create the error for a policy that has missed its deadline ``limit_s`` [s]."""
+    """Create the error for a policy that did not answer within ``limit_s`` [s]."""
     return PolicyError(f"the policy did not answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return the counts of a client's connection, by name. Empty for a policy without a connection."""
+    """Return the counts of a client's connection (retries, reconnects) by name.
+
+    The result is empty for a policy without a connection.
+    """
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -1,4 +1,4 @@
-"""Policy that several connections share. Their requests are answered in batches, before a deadline."""
+"""Policy that several connections share. It answers their requests in batches and has a deadline for each batch."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Deadline:
 
 
 class SharedPolicy:
-    """Policy that all connections share. All requests that are pending are answered in one batch.
+    """Policy that all connections share. It answers all pending requests in one batch.
 
     The policy is called by a single thread. A policy that does not support batches gets one observation at a time.
     """
@@ -46,23 +46,26 @@ class SharedPolicy:
     ) -> None:
         """Start the thread.
 
-        ``batch`` is the largest number of observations in one call. ``expected`` returns how many requests may be
-        pending, as for :class:`~betterbench.policies.batching.BatchCollector`.
+        ``batch`` is the maximum number of observations in one call. ``expected`` returns how many requests may be
+        pending at the same time, as in :class:`~betterbench.policies.batching.BatchCollector`.
         """
         self._policy, self._deadline = policy, deadline
         self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch, expected=expected)
 
     def seat(self) -> Policy:
-        """Return an object that one connection can use as its policy."""
+        """Return a policy object for one connection. It passes its requests on to the shared policy."""
         return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop the thread, and close the policy unless it hangs. Wait at most ``timeout_s`` [s], if this is given."""
+        """Stop the thread. Close the policy as well, unless it hangs.
+
+        If ``timeout_s`` [s] is given, wait at most this long.
+        """
         if self._collector.close(timeout_s=timeout_s):
             close_policy(self._policy)
 
     def cut(self) -> None:
-        """Close the policy in the middle of a call, which ends the call.
+        """Close the policy during a call, which ends the call.
 
         Only a policy in a separate process supports this.
         """
@@ -86,7 +89,7 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """Reply to one request, with the fraction of the batch's CPU time that belongs to it [s]."""
+    """Reply to one request, with the part of the batch's CPU time [s] that is attributed to this request."""
 
     actions: np.ndarray
     cost_s: float
@@ -113,7 +116,7 @@ class _SharedClient:
 
     @property
     def ready_at(self) -> float:
-        """Time from which the shared policy is ready, on the clock ``time.perf_counter`` [s]."""
+        """Time at which the shared policy became ready [s], as measured by ``time.perf_counter``."""
         return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:

@@ -54,25 +54,24 @@ class RunSettings:
 
     Attributes:
         run: Run folder.
-        policy: Policy address as written in the records.
+        policy: Policy address that is written to the records.
         action_space: Name of the action space.
         observation: Name of the observation preset.
         quality: Name of the rendering preset.
         robot: Name of the robot.
         envs: Number of environments of a worker, or the number with which a warm-up begins.
-        policy_timeout_s: Deadline for one answer of a policy in the worker process [s]. Servers have a deadline of
-            their own.
+        policy_timeout_s: Maximum time for one answer of a policy in the worker process [s]. Policy servers have
+            separate deadlines.
         served_at: Address of the host process that serves the policy to all workers, or None.
         task_files: User files that workers load first.
-        held: Folders that contain the run and that the main process has locked.
+        held: Folders that contain the run folder and are locked by the main process.
         looks: Appearance of objects and rooms ("seen" or "unseen").
-        known: Description of the policy at the start of the run, if it is on a server that the user has started.
-            Otherwise None.
-        world: Simulated world in which the trials are run.
-        most_envs: Largest number of environments that a warm-up may choose. If the number is fixed, it is not larger
-            than ``envs``.
+        known: Description of the policy at the start of the run, if the policy is on a server that the user has
+            started. Otherwise None.
+        world: Benchmark in whose simulator the trials are run.
+        most_envs: Maximum number of environments that a warm-up may choose. Without a warm-up, it is at most ``envs``.
         workers: Number of workers of the run, which share the memory of the machine.
-        trials: Largest number of trials that were left when the run started. 0 if it is not known.
+        trials: Maximum number of trials that were left when the run started, or 0 if this is not known.
         turn: Index of the worker, which determines the EGL device.
     """
 
@@ -97,7 +96,7 @@ class RunSettings:
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
-        """Return the settings for a plan and the folder of its run."""
+        """Return the settings for a plan and a run folder."""
         return cls(
             str(run.absolute()),
             plan.policy,
@@ -113,17 +112,17 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Policy address that workers use."""
+        """Policy address under which the workers reach the policy."""
         return self.served_at or self.policy
 
     @property
     def answer_limit_s(self) -> float:
-        """Deadline of a reply [s]. It is set by the address of a server, or else by the settings of this run."""
+        """Maximum time for a reply [s]. The address of a server determines it, otherwise the settings of this run."""
         return answer_limit_s(self.policy, self.policy_timeout_s)
 
 
 class TrialRunner:
-    """Runner of the trials of one worker. The trials share policies, observer and simulator processes."""
+    """Runner of the trials of one worker. The trials share the policies, the observer and the simulator processes."""
 
     def __init__(
         self,
@@ -132,7 +131,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine what the policy needs. Raises a BetterError if this fails."""
+        """Determine what the policy needs, such as images. Raises a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -153,9 +152,9 @@ class TrialRunner:
     def steps(self, trial: Trial) -> TrialSteps:
         """Run a trial, and write its record. The scene is written too, unless it has been written before.
 
-        The generator yields the same as :func:`betterbench.episodes.episode_steps`, or nothing if the policy needs no
-        thread. It returns the journal entry. The caller writes this entry, so that only one process appends to the
-        journal.
+        The generator yields the same items as :func:`betterbench.episodes.episode_steps`, or nothing if the policy
+        needs no thread. It returns the journal entry. The caller writes this entry to the journal, so that only one
+        process appends to the journal.
 
         Raises:
             PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
@@ -213,13 +212,13 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Observer for the policy. None for a privileged policy, which gets the state instead."""
+        """Return the observer for the policy, or None for a privileged policy, which gets the state instead."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
         """Run an episode of a policy that needs no thread.
 
-        Return the result, and the ground truth about a faulty policy.
+        Return the result and, for a faulty policy, the ground truth about its fault in this episode.
         """
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
@@ -232,7 +231,10 @@ class TrialRunner:
     def _run_asking(
         self, scene: TrialScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
-        """Run an episode that yields requests to its policy. It is repeated if the process of the policy was killed."""
+        """Run an episode that yields its requests to the policy.
+
+        If the policy's process was killed, repeat the episode.
+        """
         for left in reversed(range(MAX_DEATHS)):
             try:
                 return (
@@ -274,7 +276,7 @@ class TrialRunner:
         return scene, context
 
     def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
-        """Write the record of a trial and, unless it exists, the scene. Return the digests of both."""
+        """Write the record of a trial and, unless the file exists, the scene. Return the digests of both files."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
             return file_digest(path), self.run.keep_scene(scene)

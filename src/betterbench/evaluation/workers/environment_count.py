@@ -1,11 +1,11 @@
 """Choice of the number of environments per worker, based on the throughput measured in a warm-up.
 
-A worker with n environments is a closed queue. A chunk takes S seconds of the worker's time and L seconds of the
-policy's time. The throughput saturates at (L + S) / S environments, which is called the knee of the queue. With fewer
-environments, the worker has to wait. Near the knee, fluctuations still cost a quarter to a third of the throughput.
-Therefore, more environments are opened (:data:`KNEES`) if this increases the throughput of the policy. If a server
-processes one request at a time, more environments only lengthen its queue, which the measured throughput shows. The
-number of environments does not affect the records.
+In terms of queueing theory, a worker with n environments is a closed queue. Each action chunk takes S seconds of the
+worker's time and L seconds of the policy's time. The throughput saturates at (L + S) / S environments, which is called
+the knee of the queue. With fewer environments, the worker has to wait. Near the knee, fluctuations still cost a quarter
+to a third of the throughput. Therefore, more environments are opened (see :data:`KNEES`) if this increases the
+throughput of the policy. If a server processes one request at a time, more environments only lengthen its queue, so the
+measured throughput does not increase. The number of environments does not affect the records.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Window:
     Attributes:
         envs: Number of environments.
         latency_s: Median latency of a reply [s].
-        worker_s: Mean time that the worker spends on a chunk (physics, images and record) [s].
-        rate: Number of replies per second, without the time in which trials are set up.
+        worker_s: Mean time that the worker spends on an action chunk (physics, images and record) [s].
+        rate: Number of replies per second, not counting the time in which trials are set up.
     """
 
     envs: int
@@ -70,10 +70,10 @@ class Window:
 class EnvironmentCount:
     """Controller of the number of environments of a worker.
 
-    It begins with ``first`` environments. Requests made before the first reply, when a server may be compiling its
-    model, and replies after a reconnection are ignored. As soon as most environments have received a reply, the replies
-    in a window of time are measured, and a new number is chosen. A second window shows whether the throughput has
-    improved. If it has not, the previous number is restored.
+    The controller begins with ``first`` environments. It ignores requests made before the first reply, when a server
+    may still be compiling its model, and replies after a reconnection. As soon as most environments have received a
+    reply, it measures the replies in a window of time and chooses a new number of environments. A second window shows
+    whether the throughput has improved. If it has not, the previous number is restored.
     """
 
     def __init__(
@@ -87,8 +87,8 @@ class EnvironmentCount:
     ) -> None:
         """Create the controller.
 
-        ``room`` returns the number of environments that fit into memory, given the current number. ``left`` returns how
-        many trials this worker still has to run, including those that are running.
+        ``room`` returns the number of environments that fit into memory, given the current number. ``left`` returns the
+        number of trials that this worker has not finished yet, including the running ones.
         """
         self.number = first
         self.settled = most <= first
@@ -107,7 +107,7 @@ class EnvironmentCount:
         self._answered = set()
 
     def worked(self, seconds: float, *, on_setup: bool) -> None:
-        """Add the time that the worker has spent on setting up a trial or on a chunk [s]."""
+        """Add the time [s] that the worker has spent on setting up a trial or on an action chunk."""
         if on_setup:
             self._set_up_s += seconds
         else:
@@ -121,7 +121,7 @@ class EnvironmentCount:
             asked_at: Time of the request [s], on the same clock as ``now``.
             now: Time of the reply [s].
             took_s: Time from the request to the reply [s].
-            clean: Whether the reply arrived without a retry and without a new connection.
+            clean: Whether the reply arrived without a retry and without reconnecting.
         """
         if self.settled:
             return
@@ -145,7 +145,7 @@ class EnvironmentCount:
             self._open_window()
 
     def limit(self, most: int) -> None:
-        """Limit the number for the rest of the run, since the policy does not accept more connections."""
+        """Limit the number of environments for the rest of the run, since the policy accepts no more connections."""
         self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
 
     def _decide(self, window: Window) -> None:

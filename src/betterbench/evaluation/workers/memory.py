@@ -22,9 +22,10 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 
 
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
-    """Return the memory that this process can still use [bytes]. The machine and control groups may limit it.
+    """Return the memory that this process can still use [bytes], or None if it is not known.
 
-    Returns None if it is not known. Files in the cache of a control group that are not in use count as free memory.
+    Both the machine and its control groups (cgroups) may limit the memory. Cached files of a control group that are not
+    in use count as free memory.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None
@@ -50,14 +51,14 @@ def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
 
 
 def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = None, used: int | None = None) -> int:
-    """Return how many environments fit into memory, given that ``envs`` are open.
+    """Return the number of environments that fit into memory, given that ``envs`` environments are open.
 
     Args:
         envs: Number of open environments.
         used_before: Memory of this process before the first environment was opened [bytes].
         sharing: Number of workers on this machine that open environments at the same time.
         free: Free memory [bytes]. By default, it is determined from the system.
-        used: Memory that this process takes now [bytes]. By default, it is determined from the system.
+        used: Memory that this process uses now [bytes]. By default, it is determined from the system.
     """
     free = free_bytes() if free is None else free
     if free is None:
@@ -75,7 +76,10 @@ def _machine_free(proc: Path) -> Iterator[int]:
 
 
 def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
-    """Yield the free memory of every control group up to the root that has a limit, for versions 1 and 2."""
+    """Yield the free memory of each control group that contains this process and has a memory limit.
+
+    Versions 1 and 2 of control groups are supported.
+    """
     try:
         lines = (proc / "self" / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Pool of worker processes on this machine, which get trials through pipes."""
+"""Pool of worker processes on this machine. The pool sends trials to the processes through pipes."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class WorkerPool:
         watch: Callable[[], None] | None = None,
         steps: StepCount | None = None,
     ) -> None:
-        """Store the settings. Processes are started when there is work for them.
+        """Store the settings. Processes are started as soon as there is work for them.
 
         ``watch`` is called about twice a second. ``steps`` counts the control steps that workers report.
         """
@@ -85,7 +85,7 @@ class WorkerPool:
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
         """Run trials, and yield the journal entry of each when it ends.
 
-        A round of trials is requested when the previous round has ended.
+        The trials come in rounds, and the next round is requested when the previous one has ended.
 
         Raises:
             WorkerError: If workers keep dying.
@@ -113,7 +113,7 @@ class WorkerPool:
                 raise AssertionError("unreachable: every trial has ended")
 
     def close(self) -> None:
-        """End all processes immediately. Trials that have not ended leave no files."""
+        """End all processes immediately. Trials that have not ended leave no files behind."""
         processes, self._processes = self._processes, []
         for worker in processes:
             worker.process.kill()
@@ -121,9 +121,9 @@ class WorkerPool:
             worker.end()
 
     def _wait(self) -> Iterable[WorkerProcess]:
-        """Return the processes that have sent a message or ended.
+        """Wait until processes have sent a message or ended, and return these processes.
 
-        Wait until the next call of ``watch`` at the latest.
+        Stop waiting when ``watch`` must be called again.
         """
         sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
         found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
@@ -133,7 +133,7 @@ class WorkerPool:
         return dict.fromkeys(found)
 
     def _start_workers(self) -> None:
-        """Start processes as long as there is work for them."""
+        """Start more processes until there are enough for the trials that are left."""
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             taken = {worker.turn for worker in self._processes}
             turn = next(number for number in itertools.count() if number not in taken)
@@ -141,7 +141,10 @@ class WorkerPool:
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Distribute the trials evenly. A trial that may have killed a process runs alone."""
+        """Distribute the trials evenly among the processes.
+
+        A trial that may have caused the death of a process runs alone in its process.
+        """
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -185,7 +188,7 @@ class WorkerPool:
             worker.lost = True
 
     def _handle_worker_exit(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Remove a process that has died. Its trials are queued again or given up."""
+        """Remove a process that has died. Its trials are queued again or, after too many attempts, given up."""
         yield from self._receive(worker)
         self._processes.remove(worker)
         how = worker.end(_WATCH_S)
@@ -197,7 +200,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Handle a process that died before it was ready, which cannot have been caused by a trial."""
+        """Handle a process that died before it was ready. No trial can have caused this."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
@@ -215,7 +218,7 @@ class WorkerPool:
 def work(settings: RunSettings, connection: Connection) -> None:
     """Main function of a worker process: receive trials through a pipe, and send back journal entries.
 
-    The process receives None when there is no more work. It sends None when it is ready. If it sends an error, the run
+    The process sends None when it is ready, and receives None when there is no more work. If it sends an error, the run
     stops.
     """
     prepare_process(settings.held)

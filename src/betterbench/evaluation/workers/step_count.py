@@ -1,4 +1,4 @@
-"""Number of control steps of all workers of a run, which shows progress before a trial has ended."""
+"""Count of the control steps of all workers in a run, which shows progress even before a trial has ended."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ REPORT_EVERY_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class StepsTaken:
-    """Message from a worker process: the number of control steps since its last message."""
+    """Message from a worker process with the number of control steps since the process's last message."""
 
     steps: int
 
@@ -21,7 +21,7 @@ class StepReport:
     """Counter of the control steps of a worker. It is called after every step and reports at regular intervals."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
-        """Start counting. ``hand_over`` is called with the number of steps since its last call."""
+        """Start counting. ``hand_over`` is called regularly with the number of steps since the last call."""
         self._hand_over, self._steps = hand_over, 0
         self._next_s = time.monotonic() + REPORT_EVERY_S
 
@@ -47,7 +47,7 @@ class StepCount:
         self.steps, self._on_steps = 0, on_steps
 
     def add(self, steps: int) -> None:
-        """Add steps that a worker has reported."""
+        """Add a number of steps that a worker has reported."""
         self.steps += steps
         if steps and self._on_steps is not None:
             self._on_steps(self.steps)
