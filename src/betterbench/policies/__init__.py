@@ -3,7 +3,7 @@
 - ``address``: parser of policy addresses such as ``openpi://host:port?preset=libero``.
 - ``kinds``: one file per policy kind, and the registry of kinds by address scheme.
 - ``factory``, ``description``: creation of the policy instances of a worker, and the description of a policy as JSON.
-- ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
+- ``conventions``: translation of observations and actions, presets of known checkpoints, and the handshake.
 - ``protocols``, ``clients``, ``serving``: message encodings, clients of policy servers, and the server that serves a
   policy.
 - ``process``: policies written by the user, which run in a separate process.

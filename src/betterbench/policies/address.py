@@ -1,7 +1,7 @@
-"""Policy addresses, such as ``expert``, ``zoo:lexical?strength=0.3`` and ``openpi://host:port?preset=openpi_libero``.
+"""Policy addresses such as ``expert``, ``zoo:lexical?strength=0.3`` and ``openpi://host:port?preset=openpi_libero``.
 
-Each policy kind declares the format of its addresses and the options they accept. One parser reads the addresses of all
-kinds.
+Each policy kind declares the format of its addresses and the options that they may contain. One parser reads the
+addresses of all kinds.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Option of a policy address, written ``?name=value``.
+    """Option in a policy address, written ``?name=value``.
 
     Attributes:
-        name: Name of the option. A name that ends with a period is completed by a key: ``camera.KEY=value``.
+        name: Name of the option. If it ends with a period, a key follows it in the address: ``camera.KEY=value``.
         meaning: Description of the value with its unit, used in messages ("the deadline of one answer [s]").
         reads: Type of the value. Numbers must be finite and ≥ 0.
         most: Largest allowed number. Infinity means that there is no limit.
@@ -42,7 +42,7 @@ class Option:
 
     @property
     def takes_key(self) -> bool:
-        """Whether the name of the option is completed by a key, as in ``camera.KEY``."""
+        """Whether a key must follow the name of the option, as in ``camera.KEY``."""
         return self.name.endswith(".")
 
     @property
@@ -51,7 +51,7 @@ class Option:
         return f"{self.name}KEY" if self.takes_key else self.name
 
     def fits(self, name: str) -> bool:
-        """Return whether the given name, as written in an address, refers to this option."""
+        """Return whether a name in an address refers to this option."""
         return name == self.name if not self.takes_key else name.startswith(self.name) and name != self.name
 
 
@@ -101,7 +101,7 @@ class AddressForm:
     Attributes:
         scheme: Name of the policy kind, which is the prefix of its addresses.
         example: Example of an address, used in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether the scheme and a colon are followed by a target, which is a name, a file or a server.
+        target: Whether a colon and a target follow the scheme. The target is a name, a file or a server.
         options: Options that the addresses may contain.
         transport: Transport protocol of the server, or None for a policy without a server.
         port: Default port of the server.
@@ -115,7 +115,7 @@ class AddressForm:
     port: int = 0
 
     def has(self, text: str) -> bool:
-        """Return whether an address has this scheme.
+        """Return whether an address begins with the scheme of this policy kind.
 
         If the scheme requires a target, the address must also contain a colon.
         """
@@ -128,8 +128,8 @@ class AddressForm:
         """Parse an address of this format.
 
         Args:
-            text: Address.
-            world: Benchmark whose conventions the policy uses, such as "libero". Empty for betterbench's own scenes.
+            text: Address to parse.
+            world: Benchmark whose conventions the policy uses, such as "libero", or empty for betterbench's own scenes.
 
         Raises:
             UnknownNameError: If the address has an option that the policy kind does not know.
@@ -179,8 +179,8 @@ class PolicyAddress:
     """Parsed policy address, with the target of the policy (such as "localhost:8000") and the options.
 
     The options have been checked by :meth:`AddressForm.read`. ``world`` is the benchmark whose conventions the policy
-    uses, such as "libero"; it is empty for betterbench's own scenes. In another benchmark, a preset describes the
-    inputs and outputs that policies trained there have.
+    uses, such as "libero". It is empty for betterbench's own scenes. For each other benchmark, a preset describes the
+    inputs and outputs of policies that were trained on it.
     """
 
     text: str
@@ -204,12 +204,12 @@ class PolicyAddress:
 
         Args:
             problem: Description of what is wrong.
-            cure: Instruction that tells the user how to correct the address.
+            cure: Sentence that tells the user how to correct the address.
         """
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return the names of those of the given options that the address sets."""
+        """Return the names of those of the given options that this address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property
@@ -225,7 +225,8 @@ class PolicyAddress:
     def server(self) -> tuple[str, int]:
         """Return the host and port of the server.
 
-        Raises InvalidInputError if the target is not "host:port". A path may follow for schemes that allow paths.
+        For schemes that allow a path, a path may follow the port. Raises InvalidInputError if the target does not have
+        the form "host:port".
         """
         host, port, path, place = None, None, "", ""
         try:
@@ -258,7 +259,7 @@ class PolicyAddress:
     def path(self) -> str:
         """Path to which requests are sent.
 
-        Without a path in the address, it is ``/act`` for HTTP and "/" for websockets.
+        If the address contains no path, it is ``/act`` for HTTP and ``/`` for websockets.
         """
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
@@ -306,9 +307,9 @@ class PolicyAddress:
             value = math.nan
         option = self._option(name)
         if option.most < math.inf and not 0.0 <= value <= option.most:
-            raise self.error(f"{name}={text} is out of range", f"Give {option.meaning}, from 0 to {option.most:g}")
+            raise self.error(f"{name}={text} is out of range", f"Set it to {option.meaning}, from 0 to {option.most:g}")
         if not 0.0 <= value < math.inf:
-            raise self.error(f"{name}={text} must be ≥ 0", f"Give {option.meaning}, a number such as 2.5")
+            raise self.error(f"{name}={text} must be ≥ 0", f"Set it to {option.meaning}, a number such as 2.5")
         return value
 
     def _option(self, name: str) -> Option:
@@ -319,7 +320,9 @@ class PolicyAddress:
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
-            raise self.error(f"{name}={text} must be a whole number", f"Give {self._option(name).meaning}, such as 8")
+            raise self.error(
+                f"{name}={text} must be a whole number", f"Set it to {self._option(name).meaning}, such as 8"
+            )
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:

@@ -1,4 +1,4 @@
-"""Batching of policy calls: requests that several threads make at the same time are answered by a single call."""
+"""Batching of policy calls: one call answers all requests that several threads make at the same time."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     """Collector of requests from many threads. One separate thread answers the requests in batches.
 
     Requests that arrive during a call form the next batch, so a busy policy gets large batches, and an idle policy
-    answers immediately. If further requests are expected, the next call waits for them, but no longer than the shortest
-    call so far has taken. Without this wait, the callers of one server would alternate, and their batches would stay
-    small. If a batch fails, the requests in it are sent again one by one, so that each caller gets only the error
-    caused by its own request.
+    answers immediately. If further requests are expected, the collector waits for them before the next call, but no
+    longer than the shortest call so far has taken. Without this wait, two groups of callers could take turns forever,
+    so that each batch contains only one of the groups. If a batch fails, the requests in it are sent again one by one,
+    so that each caller gets only the error caused by its own request.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         """Start the thread that calls ``answer``.
 
         ``expected`` returns how many requests may be pending at the same time, including those already received. It is
-        called by the thread started here.
+        called in this new thread.
         """
         self._answer, self._limit, self._expected = answer, max(1, limit), expected
         self._shortest_s = math.inf  # duration of the shortest call
@@ -67,9 +67,10 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> AnswerT:
         """Return the answer to a request, or raise the exception that ``answer`` raised for it.
 
-        The timeout [s] includes the time that the request waits in the queue. It starts at the time returned by
-        ``ready_at`` (on the clock ``time.perf_counter``) if that time is later than the call. Raises TimeoutError if no
-        answer arrives in time; the call of ``answer`` itself continues. Raises RuntimeError if the collector is closed.
+        The timeout [s] includes the time that the request waits in the queue. If ``ready_at`` returns a time after this
+        call (as measured by ``time.perf_counter``), the timeout starts at that time. Raises TimeoutError if no answer
+        arrives in time, although the call of ``answer`` itself continues. Raises RuntimeError if the collector is
+        closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
@@ -111,9 +112,9 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
                 return
 
     def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
-        """Wait for the requests of the next call.
+        """Wait for requests, and return those that the next call answers.
 
-        The last element of the list is None if the collector has been closed.
+        If the collector has been closed, the last element of the list is None.
         """
         waiting = [self._waiting.get()]
         until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)

@@ -70,15 +70,18 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return the initial number of environments per worker, given the number ``envs`` for a single worker."""
+    """Return the initial number of environments per worker.
+
+    With one worker, it is ``envs``; with many, it is smaller.
+    """
     return max(1, min(envs, MOST_WAITING // workers))
 
 
 def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[int, int]:
-    """Return the smallest and the largest number of environments per worker, between which a warm-up chooses.
+    """Return the smallest and the largest number of environments per worker that a warm-up may choose.
 
-    ``envs`` is the usual number for a single worker, which ``world`` may change. For a policy that needs one instance
-    per environment, the number is always 1, because instances may be large.
+    ``envs`` is the default number for a single worker, which the benchmark ``world`` may reduce. For a policy that
+    needs one instance per environment, the number is always 1, because instances may be large.
     """
     if envs == 1:
         return 1, 1
@@ -87,7 +90,7 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return how many trials a worker gets at once, such that all workers end at about the same time.
+    """Return how many trials a worker gets at once, so that all workers finish at about the same time.
 
     Trials that begin together end at about the same time. With eight environments, twelve trials per worker are
     therefore divided into six and six instead of eight and four. ``left`` is the number of trials that have not ended,
@@ -115,11 +118,11 @@ class _Slot:
 
 
 class Worker:
-    """Worker that runs several trials of a plan alternately in the calling thread.
+    """Worker that runs several trials of a plan in turn, in the calling thread.
 
-    Physics and rendering run in this thread, the policy runs in other threads. The order in which trials continue does
-    not affect the results, because every trial is determined by its scene and its policy. As a context manager, the
-    worker is closed at the end.
+    Physics and rendering run in this thread, and the policy runs in other threads. The order in which the trials are
+    continued does not affect the results, because every trial is determined by its scene and its policy. If the worker
+    is used in a ``with`` block, it is closed at the end of the block.
     """
 
     def __init__(
@@ -171,7 +174,7 @@ class Worker:
 
     @property
     def envs(self) -> int:
-        """Number of open environments. It is fixed or chosen by the warm-up."""
+        """Number of open environments. It is either fixed or chosen by the warm-up."""
         return self._count.number
 
     @property
@@ -186,7 +189,7 @@ class Worker:
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` will raise. Callers check it when they have no more trials."""
+        """Error that the next call of :meth:`finished` will raise. Callers with no more trials check it."""
         return self._stop
 
     def _open_trials(self) -> int:
@@ -205,7 +208,7 @@ class Worker:
                 slot.question = None
                 self._ready.append(slot)
                 return
-        raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
+        raise InvalidInputError("trial", "no environment of the worker is free", "Check the attribute `free` first")
 
     def finished(self, timeout_s: float) -> list[JournalEntry]:
         """Run the trials until at least one has ended or ``timeout_s`` [s] has passed. Return the journal entries.
@@ -303,7 +306,7 @@ class Worker:
         return replace(entry, wall={**entry.wall, **slot.figures, **loop})
 
     def _resize(self) -> None:
-        """Open or close environments until there are as many as chosen."""
+        """Open or close environments until their number is the chosen one."""
         surplus = len(self._slots) - self._count.number
         if surplus > 0:
             for slot in [s for s in self._slots if s.steps is None and not s.connecting][:surplus]:
@@ -335,7 +338,7 @@ class Worker:
             self._count.limit(sum(not s.connecting for s in self._slots))
 
     def _collect(self, timeout_s: float) -> None:
-        """Wait for a reply, take all replies that have arrived, and mark the trials that can continue."""
+        """Wait for a reply. Then take all replies that have arrived, and mark the trials that can continue."""
         now = time.perf_counter()
         if self._timed:
             timeout_s = min([timeout_s, *(max(0.0, self._due(s) - now) for s in self._slots if s.waits)])
@@ -387,7 +390,10 @@ class Worker:
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
-        """Return the shared policy instance for one environment. This is called in the threads of the environments."""
+        """Return the shared policy instance, for use by one environment.
+
+        Each environment calls this in its own thread.
+        """
         with self._lock:
             if self._shared is None:
                 taken = self._trial_runner.policies.take()
@@ -397,18 +403,15 @@ class Worker:
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
-        """Return the deadline of a request, on the clock ``time.perf_counter`` [s].
+        """Return the deadline of a request [s], as measured by ``time.perf_counter``.
 
-        The time begins when the policy has been loaded, since loading has a deadline of its own.
+        The time starts when the policy has been loaded, since there is a separate deadline for loading.
         """
         ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
         return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
 
     def _end_overdue(self) -> None:
-        """End trials whose policy has missed its deadline.
-
-        The process of the policy is ended and its thread replaced.
-        """
+        """End the trials whose policy has missed its deadline. Then end the policy's process and replace its thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:

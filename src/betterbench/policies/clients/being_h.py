@@ -1,13 +1,13 @@
 """Client for Being-H's inference server: ``being-h://host:port``.
 
-The server uses ZeroMQ REQ/REP. Its requests contain an endpoint, data and a token, like those of GR00T N1.5, but they
-are serialized with torch. The server unpickles requests. This client never unpickles replies; it reads them with
+The server uses ZeroMQ REQ/REP. Like those of GR00T N1.5, its requests contain an endpoint, data and a token, but they
+are serialized with torch. The server unpickles the requests. This client never unpickles replies; it reads them with
 :mod:`betterbench.policies.protocols.torch_payload`. The client does not call ``get_modality_config``, because the reply
 contains objects of classes defined by the server, which could only be read by unpickling them. Source:
 BeingBeyond/Being-H, ``BeingH/inference/service.py``.
 
-An alternative is the bridge (:mod:`betterbench.policies.clients.bridges.being_h_bridge`), with which only the server
-needs torch.
+As an alternative, the bridge :mod:`betterbench.policies.clients.bridges.being_h_bridge` can be used. Then only the
+server needs torch.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class BeingHServer(EndpointServer):
 class BeingHClient(ServerClient[BeingHServer]):
     """Client for a Being-H policy. Each environment needs its own client.
 
-    With real-time chunking, the server also returns the complete chunk in its unified action space. If ``ahead`` or
-    ``delay`` is set, the next request contains the actions of this chunk that have not been executed, and the number of
-    control steps that pass while the next chunk is computed. The new chunk then continues the old chunk.
+    For real-time chunking, the server also returns the complete chunk in its unified action space. If ``ahead`` or
+    ``delay`` is set, the next request contains those actions of this chunk that have not been executed, and the number
+    of control steps that pass while the next chunk is computed. The new chunk then continues the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
@@ -91,9 +91,9 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:
-    """Convert the complete chunk to an array.
+    """Convert a complete action chunk to an array.
 
-    The server sends the chunk as lists, but does not accept lists in requests.
+    The server sends the chunk as lists, but accepts only arrays in requests.
     """
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)

@@ -45,7 +45,7 @@ that the actions do not depend on the other observations in a batch.
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Input and output features that a checkpoint declares.
+    """Input and output features that a LeRobot checkpoint declares.
 
     Attributes:
         images: Size (height, width) of each image [pixel], by feature name.
@@ -78,7 +78,7 @@ class Features:
                     where,
                     f"its input {one_line(repr(key), most=100)} has the type {one_line(kind, most=40)} and the "
                     f"shape {one_line(shape, most=100)}, but observations contain no such input",
-                    "Train it on images (3, height, width), observation.state and the instruction",
+                    "Train the policy on images (3, height, width), observation.state and the instruction",
                 )
         outputs = dict(config.output_features or {})
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
@@ -86,7 +86,7 @@ class Features:
             raise InvalidInputError(
                 where,
                 f"its outputs are {one_line(sorted(outputs), most=200)} instead of one action vector",
-                "Give a policy whose only output is 'action'",
+                "Use a policy whose only output is 'action'",
             )
         return cls(images, states, int(shape[0]))
 
@@ -95,16 +95,14 @@ class Checkpoint:
     """Loaded weights and processors of a checkpoint, which several policies in one process share.
 
     ``fingerprint`` is the SHA-256 of the configuration, the weights and the processors. ``lock`` is held while the
-    network computes.
+    network computes, so only one policy uses it at a time.
     """
 
     def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
         """Load a checkpoint from a folder or from the Hugging Face hub onto a device.
 
-        If ``device`` is None, choose a device.
-
-        Call :func:`load_checkpoint` instead to avoid loading a checkpoint twice. Python code that the checkpoint refers
-        to is run only if ``trusted`` is True.
+        If ``device`` is None, choose one. To avoid loading a checkpoint twice, call :func:`load_checkpoint` instead.
+        Python code that the checkpoint refers to is run only if ``trusted`` is True.
 
         Raises:
             MissingDependencyError: If LeRobot, or another package that this type of policy needs, is not installed.
@@ -155,7 +153,7 @@ class Checkpoint:
             raise InvalidInputError(
                 where,
                 f"LeRobot cannot load it ({problem})",
-                "Give a folder or hub id of a checkpoint of LeRobot 0.4 or newer",
+                "Use the folder or hub ID of a checkpoint of LeRobot 0.4 or newer",
             ) from error
         self.policy = made.to(self.device).eval()
         self.versions = {name: str(_import(name).__version__) for name in ("lerobot", "torch")}
@@ -171,14 +169,14 @@ class Checkpoint:
         except (RuntimeError, AssertionError, ValueError) as error:
             problem = " ".join(str(error).split())[:160]
             raise InvalidInputError(
-                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or omit device"
+                where, f"device={device} cannot be used ({problem})", "Use cpu, cuda or cuda:N, or omit device"
             ) from error
         return device
 
     def _check_config(self, path: str, where: str) -> None:
         if getattr(self.config, "use_peft", False):
             raise InvalidInputError(
-                where, "it contains only a PEFT adapter", "Merge the adapter into its base and save the result"
+                where, "it contains only a PEFT adapter", "Merge the adapter into its base model and save the result"
             )
         folder = Path(path)
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
@@ -189,7 +187,7 @@ class Checkpoint:
             )
 
     def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
-        """Return a policy that shares the weights of this checkpoint but has its own memory of past observations."""
+        """Return a policy that shares the weights of this checkpoint but remembers its own past observations."""
         # A shallow copy shares the modules, and reset() replaces only the memory of this copy.
         made = copy.copy(self.policy)
         made.reset()
@@ -201,10 +199,10 @@ class Checkpoint:
         Args:
             batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the list of instructions as
                 "task".
-            seeds: One seed per environment, for policies that start from noise.
+            seeds: One seed per environment, for policies that generate actions from noise.
 
         Returns:
-            Array (B, horizon, dim) float64, in the units of the training data.
+            Action chunks as an array (B, horizon, dim) float64, in the units of the training data.
         """
         torch = self._torch
         with self.lock, torch.inference_mode(), self._precision():
@@ -291,7 +289,7 @@ def _weights_file(path: str) -> Path:
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of the files of a checkpoint that are loaded."""
+    """Return the SHA-256 of those files of a checkpoint that are loaded."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
@@ -304,14 +302,17 @@ def _fingerprint(path: str) -> str:
 
 
 def _told_type(path: str) -> str:
-    """Return the policy type that the configuration in a folder names. Return an empty string for an id on the hub."""
+    """Return the policy type in the configuration of a checkpoint folder.
+
+    Return an empty string for an ID on the hub.
+    """
     file = Path(path) / "config.json"
     form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""
 
 
 def _located(target: str, where: str) -> str:
-    """Return the folder that contains the checkpoint's configuration, or the id if the checkpoint is on the hub."""
+    """Return the folder that contains a checkpoint's configuration, or the ID of a checkpoint on the hub."""
     folder = Path(target).expanduser()
     if (folder / _INSIDE / "config.json").is_file():
         folder /= _INSIDE
@@ -321,7 +322,9 @@ def _located(target: str, where: str) -> str:
     if folder.exists() or not _HUB_ID.fullmatch(target):
         there = "contains no config.json" if folder.exists() else "does not exist"
         raise InvalidInputError(
-            where, f"{target} {there}", "Give the folder pretrained_model saved by LeRobot, or OWNER/NAME on the hub"
+            where,
+            f"{target} {there}",
+            "Use the path of a folder pretrained_model saved by LeRobot, or OWNER/NAME of a checkpoint on the hub",
         )
     return target
 
@@ -335,7 +338,7 @@ def _check_form(file: Path, where: str) -> None:
         raise InvalidInputError(
             where,
             f"{file.name} has no policy type, so this is not a LeRobot checkpoint",
-            "Give the folder of a LeRobot checkpoint",
+            "Use the folder of a LeRobot checkpoint",
         )
 
 

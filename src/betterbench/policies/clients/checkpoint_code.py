@@ -1,4 +1,4 @@
-"""Check of whether loading a LeRobot checkpoint would run Python code written by its author.
+"""Check of whether loading a LeRobot checkpoint would run Python code written by the checkpoint's author.
 
 LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step with a
 ``registry_name`` is part of LeRobot. A step with a ``class`` can name any function in any module, for example
@@ -84,7 +84,7 @@ def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
 
 
 def _entries(value: object) -> Iterator[tuple[str, object]]:
-    """Yield every key with its value from all maps in a nested value."""
+    """Yield every key and value of all maps in a nested value."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield key, inner

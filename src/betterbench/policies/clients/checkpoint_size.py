@@ -28,7 +28,7 @@ _MOST_TENSORS = 100_000
 
 
 def require_short_horizons(config: object, where: str) -> None:
-    """Check the lengths of chunks and histories in a configuration, because LeRobot allocates tables of these lengths.
+    """Check the lengths of chunks and histories in a configuration. LeRobot allocates tables of these lengths.
 
     Raises:
         InvalidInputError: If a length is above 4,096.
@@ -45,15 +45,15 @@ def require_short_horizons(config: object, where: str) -> None:
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """Limit the number of parameters of all networks that are built in this context by the size of the weights file.
+    """While this context is active, limit the number of parameters of each network to the size of the weights file.
 
     A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
     than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
-    parameter and then fills it. The limit is checked at registration, before the memory is used.
+    parameter and then fills it. The limit is checked when the parameter is registered, before its memory is used.
 
     Args:
         file_bytes: Size of the weights file [bytes].
-        where: Name of the checkpoint as shown in messages.
+        where: Name of the checkpoint, as shown in messages.
 
     Raises:
         InvalidInputError: If a network exceeds the limit.
@@ -70,7 +70,7 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
                 where,
                 f"its config.json describes a network with more than {size}, but the weights file has only "
                 f"{file_bytes:,} bytes",
-                "Use config.json and the weights of the same checkpoint",
+                "Use a config.json and weights that belong to the same checkpoint",
             )
 
     modules = importlib.import_module("torch.nn.modules.module")

@@ -49,12 +49,13 @@ class ConnectionLimits:
     """Deadlines and retries of a connection to a policy server.
 
     Attributes:
-        timeout_s: Deadline of each request [s].
-        warmup_s: Deadline of the first reply [s]. It is longer, because many servers compile their model at the first
-            request. After the first request has timed out, ``timeout_s`` applies.
+        timeout_s: Maximum time for each request [s].
+        warmup_s: Maximum time for the first request [s]. It is longer than ``timeout_s``, because many servers compile
+            their model during the first request. If the first request times out, ``timeout_s`` applies from then on.
         retries: Number of times that a request is repeated after a broken connection or a timeout.
         patience_s: Time for which the client keeps trying to connect to an unreachable server [s].
-        seed: Seed of the random part of each pause, so that the clients of a lost server do not reconnect all at once.
+        seed: Seed for the random part of each pause. The randomness keeps the clients of a lost server from
+            reconnecting all at once.
     """
 
     timeout_s: float = 30.0
@@ -67,7 +68,7 @@ class ConnectionLimits:
     def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
         """Return the limits that the options of an address set.
 
-        Raises InvalidInputError if an option is not a number, or if a deadline is zero.
+        Raises InvalidInputError if an option is not a number, or if a time limit is zero.
         """
         usual = cls()
         limits = cls(
@@ -79,7 +80,7 @@ class ConnectionLimits:
             seed=seed,
         )
         if min(limits.timeout_s, limits.warmup_s) <= 0.0:
-            raise address.error("the deadline must be above 0", "Give the number of seconds")
+            raise address.error("the deadline must be greater than 0", "Set it to a number of seconds")
         for name, value, most in (
             ("timeout", limits.timeout_s, LONGEST_WAIT_S),
             ("warmup", limits.warmup_s, LONGEST_WAIT_S),
@@ -87,21 +88,21 @@ class ConnectionLimits:
             ("retries", limits.retries, MOST_RETRIES),
         ):
             if value > most:
-                raise address.error(f"{name}={value:g} is too large", f"Give at most {most}")
+                raise address.error(f"{name}={value:g} is too large", f"Use at most {most}")
         return limits
 
 
 class PolicyConnection(Generic[Connection]):
-    """Connection to one policy server, which is opened again after it was lost.
+    """Connection to one policy server. If it is lost, it is opened again.
 
-    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends every wait.
+    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends all waiting.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
         """Store the settings. The server is not contacted yet.
 
-        ``dial`` connects and does the handshake within the given time [s]. It raises OSError if another attempt may
-        succeed, and a BetterError otherwise.
+        ``dial`` connects to the server and does the handshake within the given time [s]. It raises OSError if another
+        attempt may succeed, and a BetterError otherwise.
         """
         self._where, self._dial, self._limits = where, dial, limits
         self._draw = np.random.default_rng(limits.seed)
@@ -113,11 +114,11 @@ class PolicyConnection(Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Numbers of requests, retries and reconnects since :meth:`count_anew` was last called."""
+        """Numbers of requests, retries and reconnects since the last call of :meth:`count_anew`."""
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
-        """Set all counts to zero at the beginning of an episode."""
+        """Set the counts of requests, retries and reconnects to zero. This is called at the beginning of an episode."""
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
@@ -162,7 +163,7 @@ class PolicyConnection(Generic[Connection]):
             exchange: Function that sends the request over a connection and returns the reply within the given time [s].
                 It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
                 otherwise.
-            replies: Whether the server answers the message.
+            replies: Whether the server sends a reply to this kind of message.
 
         Raises:
             PolicyError: If the reply is invalid, or the request failed after all retries.
@@ -223,7 +224,7 @@ class PolicyConnection(Generic[Connection]):
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
     """Return the API key from the environment variable that an address names.
 
-    Addresses themselves must not contain keys.
+    The address contains only the name of the variable, since addresses must not contain keys.
 
     Raises InvalidInputError if the variable is not set, or if its value cannot be sent in a header.
     """
@@ -237,5 +238,5 @@ def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
 
 
 def _brief(problem: OSError) -> str:
-    """Return a description of an error in at most 200 characters."""
+    """Return a description of an error that has at most 200 characters."""
     return " ".join(str(problem.strerror or problem).split())[:200] or type(problem).__name__

@@ -16,12 +16,12 @@ ERROR_REPLY = b"ERROR"
 
 
 class EndpointServer:
-    """Connection to a ZeroMQ server that has answered a ping.
+    """Connection to a ZeroMQ server. It is created when the server has answered a ping.
 
     Raises:
         OSError: If the server cannot be reached or is not ready.
-        HandshakeError: If the server rejects the token, uses another protocol or declares other conventions than the
-            client.
+        HandshakeError: If the server rejects the token, uses another protocol, or declares conventions that differ from
+            the client's.
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
@@ -35,9 +35,9 @@ class EndpointServer:
             raise
 
     def _greet(self, end: float) -> None:
-        """Check that the server is alive and has the expected conventions.
+        """Check that the server is alive and that its conventions are the expected ones.
 
-        The check must end at the time ``end`` [s, monotonic].
+        The check must be finished at the time ``end`` [s], as measured by ``time.monotonic``.
         """
         self._first("ping", end)
 
@@ -67,7 +67,7 @@ class EndpointServer:
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
         """Send a request to an endpoint and return the decoded answer, which must arrive within ``timeout_s`` [s].
 
-        Set ``declares`` to True if the server is asked to describe its model; the answer is then limited in length.
+        If the server is asked to describe its model, set ``declares`` to True, which limits the length of the answer.
         Raises OSError if no answer arrived, and PolicyError if the server reports an error or the answer cannot be
         read.
         """

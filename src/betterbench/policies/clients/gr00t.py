@@ -5,15 +5,16 @@ the server requires one. The server declares its modalities, which the client co
 connects. Source: Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
 
 A policy without an observation history answers the observations of many environments in one request
-(:class:`Gr00tBatchClient`). A policy that needs images or states of several time steps gets one client per environment.
-Such a client must receive every observation, so it executes the chunks itself and returns one action at a time.
+(:class:`Gr00tBatchClient`). A policy that needs images or states from several time steps gets one client per
+environment. Such a client must receive every observation, so it executes the chunks itself and returns one action at a
+time.
 
-With real-time chunking (``rtc_overlap_steps``), the client sends the rest of the old chunk as ``observation.action``
-and the numbers of steps as options. NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``)
-and the action head of N1.7 (``gr00t/model/gr00t_n1d7``) expect this format. The policies of GR00T's main branch ignore
-both entries; the client warns if it detects this.
+For real-time chunking (``rtc_overlap_steps``), the client sends the rest of the old chunk as ``observation.action``,
+and the numbers of overlapping and frozen steps as options. NVIDIA/Isaac-GR00T#520 (N1.6:
+``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of N1.7 (``gr00t/model/gr00t_n1d7``) expect
+this format. The policies in GR00T's main branch ignore both entries, and the client warns if it detects this.
 
-Replies of N1.7 mark arrays and modalities differently from N1.6, but requests are the same.
+Replies of N1.7 mark arrays and modalities in a different way from N1.6, but requests are the same.
 
 Servers of the first N1.5 releases serialize messages with torch's pickle format. They are not supported, because
 unpickling an untrusted answer can run arbitrary code.
@@ -143,10 +144,10 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         more: Mapping[str, Any],
         options: Mapping[str, Any] | None,
     ) -> dict[str, np.ndarray]:
-        """Send a request and return the arrays of the answer by name without prefix, each (environments, horizon, dim).
+        """Send a request and return the action arrays in the answer, each (environments, horizon, dim).
 
-        The entries in ``more`` are added to the observation, which requires the nested layout. ``options`` are sent
-        next to the observation.
+        The keys are the names of the actions without the prefix "action.". The entries in ``more`` are added to the
+        observation, which requires the nested layout. ``options`` are sent next to the observation.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
@@ -181,7 +182,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return {"observation": {**flat, name: instructions}, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
-        """Return the arrays of a reply by name without the prefix "action.", each (count, horizon, dim)."""
+        """Return the action arrays in a reply, each (count, horizon, dim), by name without the prefix "action."."""
         actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
         if not isinstance(actions, Mapping):
             raise PolicyError(f"{self._where}: expected actions in reply to get_action, got {type(reply).__name__}.")
@@ -203,7 +204,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                     f"Send ({count}, horizon, size), one chunk for each environment in the request."
                 )
             if name in arrays:
-                raise PolicyError(f"{self._where}: the action {shown!r} is given twice. Send it once.")
+                raise PolicyError(f"{self._where}: the action {shown!r} occurs twice in the reply. Send it once.")
             arrays[name] = array
         return arrays
 
@@ -227,12 +228,12 @@ class Gr00tBatchClient(Gr00tClient):
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next action chunks of several environments, which are requested together."""
+        """Return the next action chunk of each of several environments. The chunks are requested together."""
         return self._ask([self._seen(observation) for observation in observations], observations)
 
 
 class Gr00tHistoryClient(Gr00tClient):
-    """Client for a GR00T policy that needs observations of several time steps.
+    """Client for a GR00T policy that needs observations from several time steps.
 
     The client must receive the observation of every control step, and it executes the action chunks itself.
     """
@@ -266,7 +267,7 @@ class Gr00tHistoryClient(Gr00tClient):
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action as an array (1, dim) float64.
 
-        A new chunk is requested when the last one has been executed.
+        A new chunk is requested when the last chunk has been executed.
         """
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
@@ -299,7 +300,7 @@ class Overlap:
         steps: Number of control steps that both chunks cover.
         frozen: Number of steps, at the beginning of the overlap, in which the new chunk keeps the actions of the old
             chunk.
-        ramp_rate: Rate at which the constraint on the actions decays in the other overlapping steps.
+        ramp_rate: Rate at which the influence of the old chunk decays during the other steps of the overlap.
     """
 
     steps: int
@@ -310,12 +311,13 @@ class Overlap:
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
         """Read the overlap from an address. Return None if the address does not request real-time chunking.
 
-        By default, the first ``ahead`` steps are frozen. Raises InvalidInputError if the numbers contradict each other.
+        By default, the first ``ahead`` steps of the overlap are frozen. Raises InvalidInputError if the numbers of
+        steps contradict each other.
         """
         given = [name for name in ("rtc_frozen_steps", "rtc_ramp_rate") if name in address.options]
         if "rtc_overlap_steps" not in address.options:
             if given:
-                raise address.error(f"{given[0]} has no effect without rtc_overlap_steps", "Give both")
+                raise address.error(f"{given[0]} has no effect without rtc_overlap_steps", "Set both options")
             return None
         overlap = cls(
             address.whole("rtc_overlap_steps"),
@@ -371,9 +373,9 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the entries to add to an observation, and the options, for a request that continues the last chunk.
+        """Return the entries and options of a request for a new chunk that continues the last chunk.
 
-        Both are empty if too few actions of the last chunk are left.
+        The entries are added to the observation. Both are empty if too few actions of the last chunk are left.
         """
         if self._last is None:
             return {}, None
@@ -392,7 +394,10 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if the server changes actions that it should keep, because it then ignores real-time chunking."""
+        """Warn once if the new chunk changes actions that the server should keep.
+
+        In that case, the server ignores real-time chunking.
+        """
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)
@@ -423,7 +428,7 @@ def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
 
 
 def _forget(server: Gr00tServer, timeout_s: float) -> None:
-    """Tell the server that a new episode begins. N1.5 servers do not have this endpoint; their error is ignored."""
+    """Tell the server that a new episode begins. N1.5 servers have no endpoint for this, so their error is ignored."""
     try:
         server.call("reset", {"options": None}, timeout_s)
     except PolicyError as error:

@@ -1,9 +1,9 @@
 """Client for servers with ``POST /act`` (``http://host:port/act``), such as OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic.
 
-Each request uses a new connection, without a handshake. Because these servers do not declare their inputs and outputs,
-the address must name a preset or an adapter. Dexbotic's server (:mod:`betterbench.policies.clients.dexbotic`) is the
-exception: it declares its images and action size, which the client compares with the adapter. Source: OpenVLA and
-OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
+Each request uses a new connection, without a handshake. Most of these servers do not declare their inputs and outputs,
+so the policy address must name a preset or an adapter. Only Dexbotic's server
+(:mod:`betterbench.policies.clients.dexbotic`) declares its images and action size, which the client compares with the
+adapter. Source: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ class HttpAnswer:
 
 
 class HttpServer:
-    """HTTP server with the headers that each request to it needs.
+    """HTTP server, with the headers that each request to the server needs.
 
-    Each request opens a new connection, as the clients that belong to these servers do.
+    Each request opens a new connection, as the original clients of these servers do.
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
@@ -108,7 +108,7 @@ class HttpServer:
 
 
 class _Source(io.RawIOBase):
-    """Socket with one deadline for all reads. It has the file methods that Python's HTTP parser needs."""
+    """Socket with one deadline for all reads, with the file methods that Python's HTTP parser calls."""
 
     def __init__(self, connected: socket.socket, end: float) -> None:
         self._socket, self._end = connected, end
@@ -170,7 +170,7 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} replies {one_line(reply)!r}, which is the answer of these servers to any "
+                f"{self._where} replies {one_line(reply)!r}, which servers of this kind return for any "
                 "failure. See the server's log, and compare the keys that the server reads with those of the "
                 "adapter."
             )
@@ -185,9 +185,9 @@ class HttpActClient(ServerClient[HttpServer]):
         return actions
 
     def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
-        """Insert the last executed action at the beginning of the state in a request, if the adapter asks for this.
+        """Replace the beginning of the state in a request with the last executed action, if the adapter asks for this.
 
-        The request is unchanged if no action has been executed in this episode.
+        If no action has been executed in this episode, the request remains unchanged.
         """
         feedback, last = self.adapter.feedback, self._last
         if feedback is None or last is None or step <= last[0]:
@@ -200,8 +200,8 @@ class HttpActClient(ServerClient[HttpServer]):
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
         """Send a body and return the answer if its status is 200 (OK).
 
-        Raises HandshakeError if the server rejects or redirects the request or has no such path, ConnectionError if
-        another attempt may succeed, and PolicyError otherwise.
+        Raises HandshakeError if the server rejects or redirects the request, or if the path does not exist on the
+        server. Raises ConnectionError if another attempt may succeed, and PolicyError otherwise.
         """
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
@@ -210,11 +210,11 @@ class HttpActClient(ServerClient[HttpServer]):
         if status in _REFUSED:
             raise HandshakeError(
                 f"{self._where} rejects this client (HTTP {status}). "
-                "Give api_key_env=NAME with the environment variable that contains the key."
+                "Add api_key_env=NAME to the address, where NAME is the environment variable with the key."
             )
         if 300 <= status < 400:
             raise HandshakeError(
-                f"{self._where} redirects requests to another address (HTTP {status}). Give that address."
+                f"{self._where} redirects requests to another address (HTTP {status}). Use that address."
             )
         if status in _ABSENT:
             older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
@@ -259,7 +259,7 @@ def _stacked(reply: object) -> object:
 
 
 def _told(reply: object) -> str:
-    """Return the error message in an answer as one line of text."""
+    """Return the error message that an answer contains, as one line of text."""
     if isinstance(reply, Mapping):
         reply = reply.get("error", reply.get("detail", reply))
     return one_line(reply) or "no message"

@@ -1,14 +1,14 @@
 """LeRobot policies that run in this process, with the address ``lerobot:CHECKPOINT`` (a folder or a hub id).
 
-The checkpoint declares the images, the state and the action size that were used in training. The adapter is derived
-from these declarations, unless the address names an adapter. The checkpoint's own processors normalize the inputs and
-outputs.
+The checkpoint declares the images, the state and the action size that were used in training. The adapter, which
+converts observations and actions, is derived from these declarations unless the address names an adapter. The
+checkpoint's own processors normalize the inputs and outputs.
 
 :mod:`betterbench.policies.clients.lerobot_types` lists the policy types and the packages they need. Policies that
 predict a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) accept batches, so one instance serves many
-environments. Each answer depends only on its own observation, and so does the noise from which flow policies start. All
-other types (diffusion, VQ-BeT, TD-MPC and policies that remember observations) are called at every step and execute
-their own chunks, as in LeRobot's evaluation. Their instances share the weights.
+environments. Each answer depends only on the observation of its own environment. This includes the noise from which
+flow policies generate actions. All other types (diffusion, VQ-BeT, TD-MPC and policies that remember observations) are
+called at every step and execute their chunks themselves, as in LeRobot's evaluation. Their instances share the weights.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return how chunks are executed: as the address says, or else as in LeRobot's evaluation."""
+        """Return how chunks are executed: as the policy address requests or, by default, as in LeRobot's evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
@@ -112,7 +112,7 @@ class LerobotPolicy(AdaptedPolicy):
         ]
 
     def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Return the input for LeRobot's processors: tensors with a leading batch axis, and a list of instructions."""
+        """Return the input for LeRobot's processors, as tensors with a leading batch axis and the instructions."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
         shown = [self.adapter.images(seen) for seen in observations]
@@ -129,7 +129,7 @@ class LerobotPolicy(AdaptedPolicy):
 class LerobotStepPolicy(AdaptedPolicy):
     """LeRobot policy that remembers earlier observations.
 
-    Each environment has its own instance; all share the weights.
+    Each environment has its own instance, and all instances share the weights.
     """
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
@@ -159,7 +159,7 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Load the policy of a LeRobot checkpoint. It accepts batches if it predicts chunks from single observations.
+    """Load the policy of a LeRobot checkpoint. It supports batches if it predicts chunks from single observations.
 
     Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter that the
     address names does not match the checkpoint.
@@ -190,7 +190,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
             raise InvalidInputError(
                 where,
                 f"its {one_line(key, most=100)} has {size} numbers, but the known state layout has {rule.size}",
-                "Give adapter=FILE, where FILE describes the parts of the state",
+                "Add adapter=FILE, where FILE describes the parts of the state",
             )
         states.append(rule)
     views = tuple(
@@ -203,7 +203,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         raise InvalidInputError(
             where,
             f"the camera {min(shared)} would be used for several inputs: {one_line(keys)}",
-            "Give camera.KEY=NAME for each of these inputs",
+            "Add camera.KEY=NAME to the policy address for each of these inputs",
         )
     return Adapter(
         "lerobot",
@@ -215,7 +215,10 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
 
 def compare_features(adapter: Adapter, features: Features, where: str) -> None:
-    """Raise a HandshakeError that lists the differences if an adapter and a checkpoint declare different features."""
+    """Raise a HandshakeError if an adapter and a checkpoint declare different features.
+
+    The message lists the differences.
+    """
     wanted = {
         **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},
@@ -244,8 +247,8 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
 def seed_of(observation: Observation, salt: int = 0) -> int:
     """Return a random seed computed from one observation.
 
-    The seed does not depend on the other observations in a batch. ``salt`` distinguishes episodes that see the same
-    observation.
+    The seed does not depend on the other observations in a batch. ``salt`` makes the seeds of different episodes differ
+    even if their observations are equal.
     """
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
@@ -272,12 +275,15 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
     raise InvalidInputError(
         where,
         f"the camera for {shown} is unknown",
-        f"Add camera.{shown}=NAME with one of {', '.join(_CAMERAS)}",
+        f"Add camera.{shown}=NAME to the policy address, where NAME is one of {', '.join(_CAMERAS)}",
     )
 
 
 def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
-    """Return the rule that converts the policy's answers to actions with as many values as the checkpoint declares."""
+    """Return the rule that converts the policy's answers to actions.
+
+    It has as many values as the checkpoint declares.
+    """
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
     parts: tuple[AnswerPart, ...]
@@ -292,8 +298,8 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
         raise InvalidInputError(
             where,
             f"the meaning of the {features.action} numbers of its actions is unknown",
-            f"Add action_space=NAME ({sized}), or adapter=FILE"
+            f"Add action_space=NAME to the policy address ({sized}), or adapter=FILE"
             if sized
-            else "Give adapter=FILE, where FILE describes the parts of the answer",
+            else "Add adapter=FILE, where FILE describes the parts of the answer",
         )
     return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

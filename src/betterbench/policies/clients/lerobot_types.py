@@ -1,4 +1,4 @@
-"""LeRobot's policy types and the packages that each of them needs in addition to LeRobot.
+"""LeRobot's policy types, and the packages besides LeRobot that each type needs.
 
 Sources: ``pyproject.toml`` and ``src/lerobot/policies/factory.py`` in LeRobot 0.4.4 and 0.6.
 """
@@ -51,12 +51,12 @@ REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
 
 
 def require_type(kind: str, known: Collection[str], where: str) -> None:
-    """Check that the installed LeRobot can load a type of policy. The check is made before large files are read.
+    """Check that the installed LeRobot can load a policy type. The check comes before large files are read.
 
     Args:
         kind: Policy type that the checkpoint names.
         known: Policy types that the installed LeRobot knows, including plugins.
-        where: Name of the checkpoint as shown in messages.
+        where: Name of the checkpoint, as shown in messages.
 
     Raises:
         InvalidInputError: If the type is unknown, or is a reward model instead of a policy.
@@ -66,14 +66,14 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
     release = _release()
     if kind in REWARD_MODELS:
         raise InvalidInputError(
-            where, f"its type {kind} is a reward model, which does not return actions", "Give a policy checkpoint"
+            where, f"its type {kind} is a reward model, which does not return actions", "Use the checkpoint of a policy"
         )
     if kind not in known:
         listed = ", ".join(_with_extra(name) for name in sorted(set(known) - set(REWARD_MODELS)))
         raise InvalidInputError(
             where,
             f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
-            f"Install a release that supports its type, or give a checkpoint of one of these types: {listed}",
+            f"Install a release that supports this type, or use a checkpoint of one of these types: {listed}",
         )
     needs = POLICY_TYPES.get(kind, Needs())
     missing = [module for module in needs.modules if importlib.util.find_spec(module) is None]

@@ -4,15 +4,16 @@ The server first sends a metadata map, and then answers each observation with an
 frame reports an error and ends the connection. The server needs no reset, because each observation is independent.
 Source: openpi's ``packages/openpi-client``.
 
-Other servers with this protocol differ in details, which this client supports too. Arrays in answers may be marked as
-by msgpack-numpy. The client marks arrays in requests in the same way if the server's metadata does so or ``arrays=nd``
-is given. vLLM-Omni (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) listens at a path, answers
-with a plain array of actions, and reports an error as a map with ``type`` "error". It distinguishes episodes by a
-``session_id``, which the client sends if the metadata contains ``needs_session_id``.
+Other servers with this protocol differ in details, which this client supports too. Arrays in answers may be marked in
+the format of msgpack-numpy. The client marks arrays in requests in this format if the server's metadata uses it or the
+option ``arrays=nd`` is set. vLLM-Omni (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) listens
+at a path, answers with a plain array of actions, and reports an error as a map with ``type`` "error". It distinguishes
+episodes by a ``session_id``, which the client sends if the metadata contains ``needs_session_id``.
 
 openpi itself does not support real-time chunking. The fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
 and similar servers accept the rest of the old chunk as ``prev_action_chunk``, in the same units as their answers,
-together with ``inference_delay`` and ``execute_horizon``. The client sends these fields if ``delay=N`` is given.
+together with ``inference_delay`` and ``execute_horizon``. The client sends these fields if the option ``delay=N`` is
+set.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Measurements in the episode so far, by name: requests, retries and reconnects, and the server's time [s]."""
+        """Measurements in the episode so far, by name: requests, retries, reconnects, and the server's time [s]."""
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
@@ -111,8 +112,8 @@ class OpenpiClient(ServerClient[WebSocket]):
     def name_trial(self, trial: TrialId) -> None:
         """Store the trial that is about to begin.
 
-        The trial is sent only to a server that declares its policy to be an expert, which needs it for the shadow
-        simulation.
+        The trial is sent only to a server that declares its policy to be an expert, because such a server simulates the
+        client's scene.
         """
         self._trial = trial
 
@@ -172,7 +173,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, metadata: Mapping[Any, Any]) -> None:
-        """Compare conventions with the server. The first handshake also chooses the adapter."""
+        """Compare the client's conventions with the server's. At the first handshake, also choose the adapter."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         read_execution(self._where, declared)  # malformed declarations are rejected at every handshake

@@ -1,8 +1,8 @@
 """Real-time chunking: the client sends the actions that were not executed, and the server's new chunk continues them.
 
-The server of a flow model can keep the first rows of the chunk that it receives as the first rows of its new chunk, and
-can use the following rows as guidance. The rows that are sent must begin at the current control step. Their key in a
-request depends on the server (:mod:`betterbench.policies.clients.being_h`, ``openpi`` and ``gr00t``).
+A server with a flow model can use the first rows of the chunk that it receives as the first rows of its new chunk, and
+the following rows as guidance. The rows that are sent must begin at the current control step. Each server expects them
+under a different key of the request (see :mod:`betterbench.policies.clients.being_h`, ``openpi`` and ``gr00t``).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 def rows_left(asked_at: int, chunk: np.ndarray, *, step: int) -> int:
     """Return how many rows of a chunk (..., horizon, dim) have not been executed at a control step.
 
-    ``asked_at`` is the step at which the chunk begins. Returns 0 if the chunk begins after ``step``.
+    ``asked_at`` is the control step at which the chunk begins. The result is 0 if the chunk begins after ``step``.
     """
     passed = step - asked_at
     return 0 if passed < 0 else max(0, chunk.shape[-2] - passed)

@@ -31,12 +31,12 @@ def describe_remote_policy(
 ) -> PolicyInfo:
     """Return the description of a policy on a server, which is stored with the run.
 
-    ``needs_images`` is False if the server declares that the policy does not use images. If it is None, images are
-    needed if the adapter has any. The cameras that the adapter names are always rendered and sent. ``cameras`` are the
-    cameras that the server declares, or None if the policy may use every camera. ``says_actions`` is False if the
-    server does not declare the format of its actions. In this case, if the address names neither a preset nor an
-    adapter, the conventions that the client assumes are stored in the metadata as "assumed" and are reported before the
-    run starts.
+    ``needs_images`` is False if the server declares that the policy does not use images. If it is None, the policy
+    needs images if the adapter has any. The cameras that the adapter names are always rendered and sent. ``cameras``
+    are the cameras that the server declares, or None if the policy may use every camera. ``says_actions`` is False if
+    the server does not declare the format of its actions. If the address then names neither a preset nor an adapter,
+    the client has to assume conventions. They are stored in the metadata as "assumed" and are reported before the run
+    starts.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
@@ -60,7 +60,7 @@ def describe_remote_policy(
 
 
 def plain_text(value: object) -> str:
-    """Convert a value that the server declares to a text of bounded length."""
+    """Convert a value that the server has declared to a text of limited length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except TypeError:  # a dict with keys that are not strings
@@ -74,7 +74,7 @@ def plain_text(value: object) -> str:
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
-    """Raise HandshakeError if an episode and a policy use different action spaces."""
+    """Raise HandshakeError if an episode uses a different action space than the policy."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
             f"action space: the run uses {start.action_space!r}, but {who} returns actions in "
@@ -92,13 +92,13 @@ class AdaptedPolicy:
 
     @property
     def _compared(self) -> Declaration:
-        """Declaration of the policy's conventions, to be compared with those of a run."""
+        """Policy's conventions, in the form in which they are compared with those of a run."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
         """Compare the conventions of a run with those of the policy.
 
-        Raises HandshakeError, which quotes both, if they differ.
+        Raises HandshakeError if they differ. The message quotes both values.
         """
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
@@ -114,12 +114,12 @@ class AdaptedPolicy:
             raise HandshakeError(
                 f"cameras: {theirs.who} needs {', '.join(missing)} (adapter {adapter.name}), but the run "
                 f"renders {', '.join(sorted(rendered)) or 'none'}. Select an observation that has these "
-                "cameras with --observation, or give camera.KEY=NAME in the address."
+                "cameras with --observation, or add camera.KEY=NAME to the address."
             )
         if adapter.depths and not observation.depth:
             raise HandshakeError(
                 f"depth: adapter {adapter.name} needs depth images, which the observation {observation.name} lacks. "
-                "In CALVIN, give --observation calvin_depth. Elsewhere, remove depths from the adapter."
+                "In CALVIN, use --observation calvin_depth. In other benchmarks, remove depths from the adapter."
             )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(
@@ -144,7 +144,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
         """Store the settings. The subclass opens the connection as soon as it can compare conventions.
 
-        ``seed`` is the seed of the random part of the pauses between attempts.
+        ``seed`` determines the random part of the pauses between attempts to connect.
         """
         if adapter.feedback is not None and not self.feeds_back:
             raise address.error(
@@ -165,10 +165,10 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         raise NotImplementedError
 
     def _require_same(self, declared: Mapping[Any, Any]) -> None:
-        """Check that the server declares the same as at the first connection.
+        """Check that the server declares the same conventions as at the first connection.
 
-        Raises HandshakeError with both values if a value has changed, because the run would otherwise mix two
-        checkpoints.
+        If a value has changed, raise HandshakeError with the old and the new value, because the run would otherwise mix
+        two checkpoints.
         """
         told = {str(name): plain_text(value) for name, value in declared.items()}
         before, self._declared = self._declared or told, self._declared or told

@@ -1,4 +1,4 @@
-"""ZeroMQ socket that sends a request and waits for the reply until a deadline."""
+"""ZeroMQ socket that sends a request and waits for the reply, but not longer than until a deadline."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SETTLE_S = 0.002
 
 
 class RequestClient:
-    """Socket to one server that, like a ZeroMQ REQ socket, sends an empty frame followed by the request.
+    """ZeroMQ socket connected to one server. Like a REQ socket, it sends an empty frame followed by the request.
 
     A REQ socket silently discards an unexpected reply, whereas this client raises an error. After an OSError, close the
     client and create a new one, because a late reply could otherwise be mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect to the server. Raises OSError if no server listens, since ZeroMQ itself would not report this."""
+        """Connect to the server. Raise OSError if no server listens, which ZeroMQ itself would not report."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
@@ -51,7 +51,7 @@ class RequestClient:
             raise ConnectionError(f"{self.where}: {error}") from error
 
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
-        """Send a request and return the answer, each as one frame.
+        """Send a request and return the answer. The request and the answer are one frame each.
 
         Raises OSError if no answer arrived in time, or if the server disconnected or sent an unexpected message. Raises
         PolicyError if the answer is not a single frame.

@@ -73,10 +73,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         ]
 
     def _example(self, observation: Observation) -> dict[str, Any]:
-        """Return one example of a request.
-
-        It contains the images as a list in the adapter's order, and each state as (1, size).
-        """
+        """Return one example of a request, with a list of images in the adapter's order and each state as (1, size)."""
         message = replace(self.adapter, constants=()).request(observation)
         images = message.get(_IMAGES)
         if isinstance(images, Mapping):

@@ -94,7 +94,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     def reset(self, start: EpisodeStart) -> None:
         """End the last episode and begin a new one.
 
-        The only part of the trial that the server gets is the instruction.
+        The server is told only the instruction, not the trial.
         """
         super().reset(start)
         self._end_episode()
@@ -119,7 +119,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """Empty declaration, because the handshake has already compared the server's declaration with the adapter."""
+        """Empty declaration, because the handshake already compares the server's declaration with the adapter."""
         return Declaration(self._where)
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, hello: Mapping[Any, Any]) -> None:
-        """Adapt the adapter to what the server requests in its hello, and compare conventions."""
+        """Adapt the client's adapter to what the server requests in its hello message, and compare the conventions."""
         version = hello.get("protocol_version")
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
@@ -209,10 +209,10 @@ class VlaEvalClient(ServerClient[WebSocket]):
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
     """Return the adapter without the entries that the server does not request.
 
-    The harness sends the wrist camera and the state only to servers that request them, either with
-    ``observation_params`` or with a component in ``observation_spec``. Some servers use every entry they get, so this
-    client sends only the requested entries. If the address names the adapter, the client sends all entries except those
-    that the server declines.
+    The harness sends the image of the wrist camera and the robot state only to servers that request them, either with
+    ``observation_params`` or with a component in ``observation_spec``. Some servers use every entry that they receive,
+    so this client sends only the requested entries. If the address names the adapter, the client sends all entries
+    except those that the server declines.
 
     Raises:
         HandshakeError: If the server's specs are malformed, or if the server returns absolute actions but the adapter
@@ -242,7 +242,10 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 
 
 def _unshortened(rule: StateRule) -> StateRule:
-    """Compute the rotation vector in a state as robosuite does, as servers with ``quat_no_antipodal`` expect."""
+    """Return a rule that computes the rotation vector in a state as robosuite does.
+
+    Servers that declare ``quat_no_antipodal`` expect this.
+    """
     parts: list[StatePart] = ["ee_axis_angle" if part == "ee_axis_angle_short" else part for part in rule.parts]
     return replace(rule, parts=tuple(parts))
 
@@ -251,8 +254,8 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     """Return the conventions that the server and the adapter declare, translated to common terms.
 
     As in the harness, the format ``raw`` declares nothing. Ranges are not compared, because the harness's own constant
-    for rotation vectors allows ±3.15 although the numbers are scaled to ±1. The number of images is compared but not
-    their names, because servers take images in order.
+    for rotation vectors allows ±3.15 although the numbers are scaled to ±1. The number of images is compared, but not
+    their names, because servers use the images in the order in which they are sent.
 
     Raises:
         HandshakeError: If the server's specs are malformed, or if the server returns joint positions but the adapter
@@ -265,7 +268,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     if declared not in (None, _JOINTS.get(answer.space)):
         raise HandshakeError(
             f"action: {who} returns joints as {declared!r}, but adapter {adapter.name} reads {answer.space}. "
-            "Give adapter=FILE with an adapter that reads joints, and --action-space with the same space."
+            "Add adapter=FILE with an adapter that reads joints, and use --action-space with the same action space."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
     # If both sides accept a common format, both are declared with the name of that format. Otherwise, each side keeps
@@ -301,7 +304,10 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """Component of an observation or action as one side declares it, with its format and other accepted formats."""
+    """Component of an observation or action, as the server or the client declares it.
+
+    It consists of the component's format and of other formats that are accepted.
+    """
 
     format: str | None
     accepts: tuple[str, ...]
@@ -312,7 +318,7 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(spec, Mapping) for spec in given.values()):
-        raise HandshakeError(f"{who}: expected {name} as a map of components.")
+        raise HandshakeError(f"{who}: expected a map of components as {name}.")
     found = {}
     for key, spec in given.items():
         told, accepts = spec.get("format"), spec.get("accepts")

@@ -1,4 +1,7 @@
-"""Adapters: descriptions, stored as data, of how observations become a policy's inputs and answers become actions."""
+"""Adapters, which convert observations to a policy's inputs and a policy's answers to actions.
+
+They are stored as data.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,10 @@ class InstructionRule:
         return self.template.replace("{}", instruction)
 
     def read(self, text: str) -> str:
-        """Return the instruction that a text was made from, or the text itself if it does not match the template."""
+        """Return the instruction from which a text was made.
+
+        If the text does not match the template, return the text.
+        """
         before, _, after = self.template.partition("{}")
         follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
         return text[len(before) : len(text) - len(after)] if follows else text
@@ -64,11 +70,11 @@ class InstructionRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ConstantRule:
-    """Constant entry of every request, such as the name of a normalization.
+    """Entry that has the same value in every request, such as the name of a normalization.
 
     Attributes:
         key: Path of the entry in the request.
-        value: Value to send. None means that there is no safe default, so the address must set the value
+        value: Value to send. If it is None, there is no safe default, so the policy address must set the value
             (``send.KEY=``).
     """
 
@@ -79,7 +85,10 @@ class ConstantRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DepthRule:
-    """Depth image among a policy's inputs, (height, width) float32 [m], in the size in which the camera is rendered."""
+    """Depth image among a policy's inputs, (height, width) float32 [m].
+
+    The image has the size with which the camera is rendered.
+    """
 
     key: tuple[str, ...]
     camera: str
@@ -88,12 +97,12 @@ class DepthRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """State whose first values are replaced by the policy's last answer, beginning with the second request.
+    """State whose first values are replaced by the policy's own last answer, from the second request on.
 
     Attributes:
         state_key: Path of the state in the request.
         answer_key: Path of the answer in the reply.
-        size: Number of values that are replaced. They come from the last row of the answer that was executed.
+        size: Number of values that are replaced. The new values come from the row of the answer that was executed last.
     """
 
     state_key: tuple[str, ...]
@@ -104,7 +113,7 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Description of how observations become a policy's inputs, and how its answers become actions.
+    """Description of the conversion of observations to a policy's inputs and of the policy's answers to actions.
 
     The server normalizes inputs and outputs with the statistics of the training data.
 
@@ -113,23 +122,23 @@ class Adapter:
         views: Images that the policy gets.
         states: States that the policy gets.
         instruction: Format of the instruction.
-        answer: Mapping of answers to actions.
+        answer: Rule that converts answers to actions.
         leading_axes: Number of leading axes of length 1 that images and states have: 1 for a batch, 2 for batch and
             time.
-        ee_offset_m: Offset added to the end-effector position in the robot's base frame [m], for a policy whose
-            positions have a different origin. In LIBERO's table scenes, the offset of the world frame is (-0.66, 0,
-            0.912) m.
-        tool_offset_m: Position of the policy's tool point in betterbench's tool frame, used for positions in states and
-            for absolute poses. LIBERO's tool point is 6.4 mm nearer to the hand, at (0, 0, -0.0064) m. Deltas are
-            applied at betterbench's tool point.
+        ee_offset_m: Offset that is added to the end-effector position in the robot's base frame [m], for a policy whose
+            positions have a different origin. For policies that use the world frame of LIBERO's table scenes, it is
+            (-0.66, 0, 0.912) m.
+        tool_offset_m: Position of the policy's tool point in betterbench's tool frame [m]. It is used for positions in
+            states and for absolute poses, whereas deltas are applied at betterbench's tool point. LIBERO's tool point
+            is 6.4 mm nearer to the hand, at (0, 0, -0.0064) m.
         gripper_opening_m: Width of a fully open gripper [m].
         control_rate_hz: Control rate for which the policy was trained [Hz].
         episode_key: Path under which betterbench's own servers receive the start of the episode, or None.
         constants: Entries that are the same in every request.
-        depths: Depth images, which require a run that renders them (``--observation calvin_depth``). GR00T does not use
-            them.
+        depths: Depth images that the policy gets. The run must render them (``--observation calvin_depth``). GR00T does
+            not use them.
         feedback: State that contains the policy's last answer, or None. Only servers with ``POST /act`` use it.
-        horizon: Number of actions executed per chunk by default, as in the policy's own client. None means all actions.
+        horizon: Default number of actions executed per chunk, as in the policy's own client. None means all actions.
     """
 
     name: str
@@ -169,15 +178,19 @@ class Adapter:
         keys += [constant.key for constant in self.constants]
         for i, key in enumerate(keys):
             if not key or not all(key):
-                raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give each entry a key")
+                raise InvalidInputError(
+                    f"adapter {self.name}", "a key is empty", "Use a key with at least one name for each entry"
+                )
             if any(key[: len(other)] == other or other[: len(key)] == key for other in keys[:i]):
                 raise InvalidInputError(
-                    f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each entry its own key"
+                    f"adapter {self.name}",
+                    f"two entries use the key {'/'.join(key)!r}",
+                    "Use a different key for each entry",
                 )
         for name in ("gripper_opening_m", "control_rate_hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise InvalidInputError(
-                    f"adapter {self.name}: {name}", "the value is out of range", "Give a number above 0"
+                    f"adapter {self.name}: {name}", "the value is out of range", "Use a number greater than 0"
                 )
         for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
             if not all(abs(v) < 100.0 for v in offset):
@@ -186,7 +199,7 @@ class Adapter:
                 )
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
-                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give a number of at least 1"
+                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Use a number of at least 1"
             )
 
     @property
@@ -206,16 +219,16 @@ class Adapter:
                     there = ", ".join(observation.images) or "none"
                     raise PolicyError(
                         f"adapter {self.name} needs the camera {camera!r}, but the run renders {there}. Select "
-                        "an observation that has this camera with --observation, or give "
-                        f"camera.{'/'.join(rule.key)}=NAME in the policy's address."
+                        "an observation that has this camera with --observation, or add "
+                        f"camera.{'/'.join(rule.key)}=NAME to the policy's address."
                     )
                 shown[rule.named(camera)] = rule.show(observation.images[camera])
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return a state input as an array (size,) of the type that the rule requires.
+        """Return a state input of the policy as an array (size,) with the number type that the rule requires.
 
-        A scalar is returned as a number.
+        If the rule describes a scalar, return a number.
         """
         return rule.read(
             observation,
@@ -227,7 +240,7 @@ class Adapter:
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
-        """Return the request that asks the policy for actions. Entries whose key has several names are nested.
+        """Return the request that asks the policy for actions. Keys that consist of several names become nested maps.
 
         ``trial`` is sent only to a server that runs a shadow simulation (a served expert), and ``start`` only if the
         adapter has an ``episode_key``. Raises PolicyError if the run does not render a required camera.
@@ -239,7 +252,7 @@ class Adapter:
             if depth.camera not in observation.depth:
                 raise PolicyError(
                     f"adapter {self.name} needs the depth of the camera {depth.camera!r}, but the run does not "
-                    "render it. In CALVIN, give --observation calvin_depth."
+                    "render it. In CALVIN, use --observation calvin_depth."
                 )
             drawn = observation.depth[depth.camera]
             set_entry(message, depth.key, drawn.reshape((1,) * self.leading_axes + drawn.shape))
@@ -261,7 +274,7 @@ class Adapter:
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
         """Convert a reply to actions, (horizon, dim) float64 in the action space ``answer.space``.
 
-        Raises PolicyError, which quotes the key and the value, if the reply cannot be read.
+        Raises PolicyError if the reply cannot be read. The message quotes the key and the value.
         """
         if not isinstance(reply, Mapping):
             raise PolicyError(f"expected a map with actions as the reply, got {type(reply).__name__}.")
@@ -274,11 +287,10 @@ class Adapter:
         )
 
     def named(self, reply: object, who: str) -> Mapping[Any, Any]:
-        """Return a reply as a map.
+        """Return a policy's reply as a map.
 
-        If it is not a map, return it as the value of the key under which actions are expected.
-
-        Raises PolicyError if the reply is not a map although actions are expected under several keys.
+        If the reply is not a map, return a map with the key under which actions are expected and the reply as its
+        value. Raises PolicyError if the reply is not a map although actions are expected under several keys.
         """
         if isinstance(reply, Mapping):
             return reply
@@ -303,9 +315,9 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return a copy of the adapter that takes the images under the given keys from different cameras.
+        """Return a copy of the adapter in which the images under the given keys come from other cameras.
 
-        Nested keys are joined by "/". Raises UnknownNameError if the adapter has no such key.
+        The names in a nested key are joined by "/". Raises UnknownNameError if the adapter has no such key.
         """
         known = {"/".join(rule.key): rule for rule in self.views}
         for key in cameras:
@@ -315,7 +327,7 @@ class Adapter:
         return replace(self, views=changed)
 
     def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
-        """Return a copy of the adapter with changed or additional constants. Nested keys are joined by "/"."""
+        """Return a copy of the adapter with changed or added constants. The names in a nested key are joined by "/"."""
         known = {"/".join(rule.key): rule for rule in self.constants}
         known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
         return replace(self, constants=tuple(known.values()))
@@ -331,7 +343,7 @@ class Adapter:
     def to_json(self) -> dict[str, Any]:
         """Return the adapter as a JSON-serializable dict that includes all defaults.
 
-        A key of one name is written as a string, and a longer key as a list.
+        A key that consists of one name is written as a string, and a longer key as a list of names.
         """
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
@@ -349,7 +361,7 @@ class Adapter:
     def load(cls, path: Path) -> Adapter:
         """Read an adapter from a JSON file.
 
-        Raises InvalidInputError, which names the field, if the adapter cannot be read.
+        Raises InvalidInputError if the adapter cannot be read. The message names the field that is wrong.
         """
         where = f"adapter {path}"
         form = read_form(
@@ -374,12 +386,12 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return JSON in which every key of one name is written as a string."""
+    """Return JSON in which each key that consists of a single name is written as a string."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return JSON in which every key is written as a list of names."""
+    """Return JSON in which each key is written as a list of names."""
     return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
 
 

@@ -1,4 +1,7 @@
-"""Conversion of a policy's answer to actions, according to its columns, units, frame and gripper convention."""
+"""Conversion of a policy's answer to actions.
+
+It depends on the answer's columns, units, frame and gripper convention.
+"""
 
 from __future__ import annotations
 
@@ -92,12 +95,13 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Adjacent columns of an answer that form one quantity.
+    """Consecutive columns of a policy's answer that form one quantity, such as a rotation.
 
     Attributes:
-        key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
+        key: Path of the array in the reply. If several parts have the same key, they are consecutive columns of one
+            array.
         kind: Meaning of the columns.
-        size: Number of columns. None means the usual number for this kind.
+        size: Number of columns. None means the standard number for this kind.
     """
 
     key: tuple[str, ...]
@@ -108,23 +112,25 @@ class AnswerPart:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """Description of how a policy's answer becomes actions: columns, frame, units and gripper convention.
+    """Rule that converts a policy's answer to actions. It describes columns, frame, units and gripper convention.
 
     By default, the rotation format, the units and the gripper convention are those of the action space. For example,
-    the numbers of a ``calvin_relative`` answer are executed unchanged.
+    the numbers in an answer for the action space ``calvin_relative`` are executed unchanged.
 
     Attributes:
-        space: Action space of the actions.
+        space: Name of the action space.
         parts: Columns of the answer, in order.
-        rotation: Rotation format.
-        frame: Frame of a delta: the robot's base frame, or the frame of the tool at each step.
-        translation_unit_m: Translation that a delta of 1 stands for [m]: 0.05 if scaled as in LIBERO, 1 for meters.
-        rotation_unit_rad: Rotation that a delta of 1 stands for, in a rotation vector or in angles [rad].
-        joint_unit_rad: Rotation of a joint that a delta of 1 stands for [rad].
-        step_rate_hz: Control rate of the training data [Hz] if deltas are executed as velocities at the run's control
-            rate. None if each action is one step at any rate.
+        rotation: Format of rotations.
+        frame: Frame in which deltas are given: the robot's base frame, or the frame of the tool at each step.
+        translation_unit_m: Translation that corresponds to a delta of 1 [m]. It is 0.05 with LIBERO's scaling, and 1 if
+            deltas are given in meters.
+        rotation_unit_rad: Rotation that corresponds to a delta of 1 in a rotation vector or angle [rad].
+        joint_unit_rad: Rotation of a joint that corresponds to a delta of 1 [rad].
+        step_rate_hz: Control rate of the training data [Hz] if deltas are treated as velocities and rescaled to the
+            run's control rate. None if each action is executed as one step at any control rate.
         gripper: Convention of the gripper value.
-        gripper_threshold: Fraction above which ``closed_fraction`` closes and ``open_fraction`` opens.
+        gripper_threshold: Value above which the gripper closes with the convention ``closed_fraction``, or opens with
+            the convention ``open_fraction``.
         precision: Number type to which the policy's own client rounds an action before it is executed.
     """
 
@@ -235,8 +241,9 @@ class AnswerRule:
     def in_space(self, space: str) -> AnswerRule:
         """Return a copy of the rule for another action space.
 
-        If only LIBERO or CALVIN uses that space, the copy has the conventions of the space. Raises UnknownNameError if
-        the action space does not exist, and InvalidInputError if the columns do not form an action in that space.
+        If only LIBERO or CALVIN uses that space, the copy has the rotation format, units and gripper convention of the
+        space. Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not
+        form an action in that space.
         """
         if space == self.space or space not in WORLD_ACTION_SPACES:
             return replace(self, space=space)
@@ -257,7 +264,7 @@ class AnswerRule:
 
     @property
     def columns(self) -> dict[tuple[str, ...], int]:
-        """Number of columns of the array at each path of the answer."""
+        """Number of columns that the array at each path in the answer has."""
         found: dict[tuple[str, ...], int] = {}
         for part in self.parts:
             found[part.key] = found.get(part.key, 0) + self._size(part)
@@ -501,7 +508,9 @@ class AnswerRule:
 
 
 def twist(*keys: str) -> tuple[AnswerPart, ...]:
-    """Return the parts for translation, rotation and gripper. They share one array, or each has an array of its own.
+    """Return the parts of an answer for translation, rotation and gripper.
+
+    The parts share one array, or each has an array of its own.
 
     Args:
         *keys: Name of the shared array, or the three names of the separate arrays.
@@ -530,7 +539,7 @@ def own_conventions(space: str) -> dict[str, Any]:
 
 
 def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value at a path of a reply. Raises PolicyError, which lists the keys that exist, if it is missing."""
+    """Return the value at a path in a reply. If it is missing, raise PolicyError with a list of the existing keys."""
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:
@@ -554,14 +563,14 @@ def number_array(given: object) -> np.ndarray:
 
 
 def _holds_truths(given: object) -> bool:
-    """Return whether nested lists or an array contain a boolean, which NumPy would convert to 0 or 1."""
+    """Return whether nested lists or an array contain a boolean. NumPy would convert it to 0 or 1."""
     if isinstance(given, list | tuple):
         return any(isinstance(item, bool | np.bool_) or _holds_truths(item) for item in given)
     return isinstance(given, np.ndarray) and given.dtype.kind == "b"
 
 
 def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndarray:
-    """Return the array at a path of a reply as (horizon, width) float64."""
+    """Return the array at a path in a reply as (horizon, width) float64."""
     name, given = "/".join(key), get_entry(reply, key)
     array = number_array(given)
     if array.dtype.kind not in "fiu":

@@ -1,1 +1,4 @@
-"""Small servers that users copy to their GPU machine. Each is a single file that does not depend on this package."""
+"""Small servers (bridges) that users copy to their GPU machine.
+
+Each is a single file that does not need this package.
+"""

@@ -61,7 +61,7 @@ class ServedPolicy(Protocol):
     """Interface that the policy object must have to be served by this bridge."""
 
     def get_action(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Return entries ``action.<name>``, each an array (chunk, size) or (1, chunk, size)."""
+        """Return a dict with entries ``action.<name>``, each an array (chunk, size) or (1, chunk, size)."""
 
 
 def encode(value: object) -> bytes:
@@ -99,7 +99,7 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Server that answers the requests of all connections. The policy answers one request at a time."""
+    """Server that answers the requests of all connections. The policy answers only one request at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
         """Store the policy.
@@ -180,8 +180,8 @@ def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -
     """Return the request entries for real-time chunking, or an empty dict if too few actions of the old chunk are left.
 
     The policy uses the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
-    horizon, dim), is therefore shifted by the steps that have passed since then. The missing rows at the end are filled
-    with copies of the last row, which the policy ignores.
+    horizon, dim), is therefore shifted by the number of steps that have been executed since it was returned. The
+    missing rows at the end are filled with copies of the last row, which the policy ignores.
     """
     passed = step - asked_at
     if not delay or chunk.shape[-2] - passed < delay:
