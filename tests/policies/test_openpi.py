@@ -466,8 +466,8 @@ def test_the_space_of_a_native_server_is_taken_over():
         ({"action_space": {"name": "x"}}, "", "cannot be read"),
         ({"action_space": 3}, "", "action_space: is not a JSON object"),
         ({"execution": {"horizon": 0}}, "", "an impossible way of executing chunks .*must be"),
-        ({"execution": {"speed": 2}}, "", "its declaration of how chunks are executed cannot be read"),
-        ({"execution": {"horizon": True}}, "", "its declaration of how chunks are executed cannot be read"),
+        ({"execution": {"speed": 2}}, "", "the declaration of how chunks are executed cannot be read"),
+        ({"execution": {"horizon": True}}, "", "the declaration of how chunks are executed cannot be read"),
     ],
 )
 def test_conventions_that_differ_are_named_with_both_sides(change, query, text):

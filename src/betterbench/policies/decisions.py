@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies. A rule decides what to do next, and motor skills carry out the decision."""
+"""Decision rules of privileged policies. A rule decides what to do next, and motor skills carry out its decisions."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class GraspOffset:
     """Deliberate grasp error of a faulty policy.
 
     Attributes:
-        miss_by_m: Gap between the finger pads and the object when the gripper closes beside the object [m]. None means
-            that the grasp is good.
-        drop: Whether the gripper opens in mid-air after it has lifted the object.
+        miss_by_m: Gap between the finger pads and the object when the gripper closes beside the object [m]. If it is
+            None, the gripper does not miss.
+        drop: Whether the gripper drops the object in mid-air after lifting it.
     """
 
     miss_by_m: float | None = None
@@ -52,7 +52,7 @@ class GraspAt:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """Decision to move toward an object and then stop permanently. Without an object, the robot never moves at all."""
+    """Decision to move toward an object and then stop permanently. If no object is given, the robot never moves."""
 
     toward: str | None
 
@@ -89,7 +89,7 @@ class DecisionRule(Protocol):
     """Interface of a decision rule, which decides what a privileged policy does next."""
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision.
+        """Return the decision for the current state.
 
         Args:
             state: Current state of the simulation.

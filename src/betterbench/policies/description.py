@@ -1,4 +1,7 @@
-"""Descriptions of a policy as JSON of limited size. When a run is resumed, they are compared with the stored ones."""
+"""Descriptions of policies as JSON of limited size.
+
+When a run is resumed, the new and the stored description are compared.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,8 @@ _MAX_LISTED = 1000
 def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
     """Return the description of a policy as JSON.
 
-    Metadata that contains JSON text, such as an adapter or a handshake, is included as JSON rather than as text.
+    If a metadata value contains JSON text, such as an adapter or a handshake, it is included as JSON rather than as
+    text.
     """
     return {
         "address": address,
@@ -41,9 +45,9 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Convert declarations of a server to JSON of limited size.
+    """Convert what a server declares to JSON of limited size.
 
-    Short arrays become lists, long arrays become hashes.
+    Short arrays become lists, and long arrays are replaced by hashes.
     """
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
@@ -75,7 +79,7 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
 
 
 def _document(text: str) -> object:
-    """Return the JSON object or list that a text contains. Return the text itself if it contains neither."""
+    """If a text contains a JSON object or list, return the object or list. Otherwise, return the text itself."""
     if text[:1] in ("{", "["):
         try:
             return parse_json(text)

@@ -28,7 +28,7 @@ SOURCE = "source file"
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
     """Return the description of a policy. If a run is given, check that the policy fits the run.
 
-    This may contact a policy server.
+    The check may contact a policy server.
 
     Raises:
         UnknownNameError: If no policy has this address.
@@ -42,9 +42,9 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer of a policy [s]. For a server, it is set by the address, otherwise by the run.
+    """Return the maximum time for one answer of a policy [s]. The address of a server determines it, otherwise the run.
 
-    Instead of an address, the name of a policy object that the caller passed to the run may be given.
+    If the caller passed a policy object to the run, the name of the object is given instead of an address.
     """
     kind = find_kind(address)
     if kind is None or not kind.needs_of(address).server:
@@ -53,7 +53,10 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Factory of the policies of one worker. Used as a context manager, it closes an instance that nobody has taken."""
+    """Factory for the policies of one worker.
+
+    At the end of a ``with`` block, it closes an instance that was not used.
+    """
 
     def __init__(
         self,
@@ -67,11 +70,11 @@ class PolicyFactory:
     ) -> None:
         """Store the settings. Nothing is loaded and no server is contacted yet.
 
-        If ``apart`` is True, a policy written by the user is loaded in a separate process. Loading may take ten times
-        the time ``timeout_s`` [s] that one answer may take. ``known`` is what the server declared at the start of the
-        run, or None if the clients themselves compare declarations. ``world`` names the benchmark whose conventions are
-        used with a server, such as "libero" (``World.dialect``). ``kind`` is the policy kind; by default, it is that of
-        the address.
+        If ``apart`` is True, a policy written by the user is loaded in a separate process. One answer may take up to
+        ``timeout_s`` [s], and loading may take ten times as long. ``known`` is the declaration that the server made at
+        the start of the run, or None if the clients themselves compare declarations. ``world`` names the benchmark
+        whose conventions apply, such as "libero" (``World.dialect``). By default, the address determines the policy
+        kind ``kind``.
 
         Raises UnknownNameError if no policy has this address.
         """
@@ -95,7 +98,9 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy. If it cannot be known otherwise, the policy is created when this is first read.
+        """Description of the policy.
+
+        If the policy must be created to know the description, it is created when this property is first read.
 
         Raises the errors of :func:`check_policy`.
         """
@@ -111,13 +116,16 @@ class PolicyFactory:
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments. Reading this creates the policy."""
+        """Whether one instance answers the observations of many environments.
+
+        Reading this property creates the policy.
+        """
         return bool(self.info) and self._takes_batches
 
     def check(
         self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
     ) -> PolicyInfo:
-        """Return :attr:`info` after the checks of :func:`check_policy`. A replay has an empty action space.
+        """Return :attr:`info` after the checks of :func:`check_policy`. For a replay policy, the action space is empty.
 
         ``rate_hz`` is the control rate of the run [Hz].
         """
@@ -128,7 +136,7 @@ class PolicyFactory:
         return info
 
     def policy(self, scene: TrialScene, trial: PlannedTrial) -> AnyPolicy:
-        """Return the policy for one episode, which is called without a thread of its own.
+        """Return the policy for one episode. It is called directly, without a separate thread.
 
         Raises InvalidInputError if the policy works only in betterbench's own scenes.
         """
@@ -139,7 +147,7 @@ class PolicyFactory:
         return self._made
 
     def take(self) -> Policy:
-        """Return a policy instance. The caller must close it."""
+        """Return a policy instance. The caller is responsible for closing it."""
         with self._lock:
             made, self._made = self._made, None
         return self._make() if made is None else made

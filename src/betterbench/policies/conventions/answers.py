@@ -158,17 +158,17 @@ class AnswerRule:
     def _check_numbers(self) -> None:
         if not self.parts:
             raise InvalidInputError(
-                "answer", "no parts are given", "List the parts, for example translation, rotation and gripper"
+                "answer", "the answer has no parts", "List its parts, for example translation, rotation and gripper"
             )
         for name in ("translation_unit_m", "rotation_unit_rad", "joint_unit_rad", "step_rate_hz"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
-                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Give a number above 0")
+                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Use a number greater than 0")
         if not 0.0 <= self.gripper_threshold < 1.0:
             raise InvalidInputError(
                 "answer: gripper_threshold",
                 f"{self.gripper_threshold:g} is out of range",
-                "Give a number of at least 0 and below 1",
+                "Use a number that is at least 0 and less than 1",
             )
         for part in self.parts:
             if part.size is not None and not 1 <= part.size <= 10_000:
@@ -221,16 +221,18 @@ class AnswerRule:
                 "Omit rotation, units, frame and gripper, or list the parts (translation, rotation, gripper)",
             )
         if self.frame == "tool" and self.space not in _DELTAS:
-            raise InvalidInputError("answer: frame", f"{self.space} has no tool frame", "Use base")
+            raise InvalidInputError("answer: frame", f"{self.space} has no tool frame", "Use the frame base")
         if self.space in _ADDS_ANGLES and self.rotation != "rpy":
             raise InvalidInputError(
                 "answer: rotation",
                 f"{self.space} adds angles to the last pose, but {self.rotation} does not consist of angles",
-                "Use rpy",
+                "Use the rotation format rpy",
             )
         if self.step_rate_hz is not None and self.space in WORLD_ACTION_SPACES:
             raise InvalidInputError(
-                "answer: step_rate_hz", f"{self.space} always runs at its world's control rate", "Omit it"
+                "answer: step_rate_hz",
+                f"{self.space} always runs at the control rate of its benchmark",
+                "Omit step_rate_hz",
             )
 
     @property
@@ -282,9 +284,8 @@ class AnswerRule:
         """Convert a reply to actions, (horizon, dim) float64 in the rule's action space.
 
         Rows with non-finite numbers remain non-finite, so that they can be recognized later. ``ee_offset_m`` is the
-        offset that was added to the end-effector position in the observation; it is subtracted from absolute positions.
-        ``tool_offset_m`` is the position of the policy's tool point in betterbench's tool frame; it is subtracted as
-        well.
+        offset that was added to the end-effector position in the observation, and ``tool_offset_m`` is the position of
+        the policy's tool point in betterbench's tool frame. Both are subtracted from absolute positions.
 
         Raises:
             PolicyError: If the reply lacks an array that the rule reads, or contains an invalid rotation.
@@ -321,7 +322,7 @@ class AnswerRule:
         return actions
 
     def _rounded(self, numbers: np.ndarray) -> np.ndarray:
-        """Round numbers as the policy's own client does. Return them as float64."""
+        """Round numbers in the same way as the policy's own client, and return them as float64."""
         if self.precision == "float64":
             return numbers
         with np.errstate(over="ignore"):
@@ -329,7 +330,7 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions are those of the action space."""
+        """Whether all conventions are the same as those of the action space."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
@@ -389,7 +390,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation in the form that actions of LIBERO or CALVIN have, (horizon, 6 or 7)."""
+        """Return translation and rotation in the format that actions in LIBERO or CALVIN have, as (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])
@@ -416,7 +417,7 @@ class AnswerRule:
             tool = multiply(tool, turn)
 
     def _close(self, gripper: np.ndarray) -> np.ndarray:
-        """Return the gripper column converted so that positive values close the gripper."""
+        """Return the gripper column, converted so that positive values close the gripper."""
         if self.gripper == "close_positive":
             return gripper
         if self.gripper == "open_positive":

@@ -1,4 +1,4 @@
-"""Handshake of a client and a policy server: both declare their conventions, and a difference stops the run."""
+"""Handshake between a client and a policy server. Both declare their conventions, and any difference stops the run."""
 
 from __future__ import annotations
 
@@ -28,16 +28,18 @@ _MOST_SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """Conventions that one side of a connection declares. A field that one side does not declare is not compared.
+    """Conventions that one side of a connection declares, i.e. the client or the server.
+
+    A field that one side does not declare is not compared.
 
     Attributes:
         who: Name of the side, as shown in messages.
         preset: Name of the adapter.
         action_space: Name of the action space.
         action_dim: Number of values in an action.
-        action_low: Smallest value of each number of an action.
-        action_high: Largest value of each number of an action.
-        action_scale: Physical size of one unit, for each number of an action.
+        action_low: Minimum of each value in an action.
+        action_high: Maximum of each value in an action.
+        action_scale: Physical size of one unit, for each value in an action.
         action_convention: Description of the frame, the reference and the gripper convention of an action.
         position: Format of translations or positions ("delta_xyz").
         rotation: Format of rotations ("axis_angle").
@@ -45,8 +47,8 @@ class Declaration:
         state: Format of the robot's state.
         language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].
-        cameras: Images by key, each with (width, height), or None for any size. The other side must provide each image
-            that is required, and may provide more.
+        cameras: Images by key. Each value is the size (width, height), or None if any size is allowed. The other side
+            must provide every image that is required, and may provide more.
     """
 
     who: str
@@ -66,7 +68,7 @@ class Declaration:
     cameras: Mapping[str, tuple[int, int] | None] | None = None
 
     def rows(self) -> dict[str, str]:
-        """Return the declared values as text, by name, for tables."""
+        """Return the declared values as text, by name, for use in tables."""
         shown = {}
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -135,7 +137,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 def read_server(who: str, form: object) -> Declaration:
     """Parse the declaration of a betterbench server.
 
-    Raises HandshakeError if it is malformed or has another version.
+    Raises HandshakeError if it is malformed or has a different version than this client supports.
     """
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
@@ -155,9 +157,9 @@ def read_server(who: str, form: object) -> Declaration:
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Parse how a betterbench server wants its chunks executed. Return None if the server does not declare this.
+    """Parse the declaration of how action chunks from a betterbench server must be executed.
 
-    Raises HandshakeError if the declaration is malformed.
+    Return None if the server does not declare this. Raises HandshakeError if the declaration is malformed.
     """
     told = form.get("execution") if isinstance(form, Mapping) else None
     if told is None:
@@ -166,7 +168,7 @@ def read_execution(who: str, form: object) -> Execution | None:
     given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
     if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
-            f"{who}: its declaration of how chunks are executed cannot be read. Install the same release on both sides."
+            f"{who}: the declaration of how chunks are executed cannot be read. Install the same release on both sides."
         )
     try:
         return Execution(**given)
@@ -177,7 +179,8 @@ def read_execution(who: str, form: object) -> Execution | None:
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
     """Decode the declaration of a server.
 
-    Raises HandshakeError if the declaration is too large or too deeply nested, and whatever ``decode`` raises.
+    Raises HandshakeError if the declaration is too large or too deeply nested. Errors raised by ``decode`` are not
+    caught.
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
@@ -196,9 +199,9 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
 
 
 def space_cure(space: str) -> str:
-    """Return what to do if the action space of a policy differs from that of the run.
+    """Return an instruction for the user whose policy has a different action space than the run.
 
-    The remedy for LIBERO and CALVIN differs, because their action space cannot be selected by an option.
+    The instruction is different for LIBERO and CALVIN, because no option can select their action space.
     """
     return (
         f"Give --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
@@ -206,7 +209,7 @@ def space_cure(space: str) -> str:
 
 
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
-    """Raise a HandshakeError, which quotes both values of each difference, if the two declarations differ."""
+    """Raise HandshakeError if two declarations differ. The message quotes both values of each difference."""
     found = []
     for entry in fields(Declaration):
         if entry.name in ("who", "cameras"):

@@ -1,4 +1,4 @@
-"""Image inputs of a policy: camera images that are rotated, mirrored, cropped and resized."""
+"""Image inputs of a policy. They are camera images that are rotated, mirrored, cropped and resized."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input of a policy, which is the image of a camera after a transformation.
+    """Image input of a policy, made by transforming the image of a camera.
 
-    An image is rotated, then mirrored, then cropped, then fitted to the required size.
+    The image is first rotated, then mirrored, then cropped, and finally fitted to the required size.
 
     Attributes:
         key: Path of the image in the request.
         camera: Name of the camera, or ``*`` for all cameras.
-        width: Required width [pixel]. None keeps the size of the image.
-        height: Required height [pixel]. None keeps the size of the image.
-        fit: How an image with a different aspect ratio is fitted.
-        keep: Fraction of the image area that a center crop keeps, before the image is fitted. Policies trained with
-            random crops are evaluated with 0.9 (OpenVLA) or 0.95.
+        width: Required width [pixel]. With None, the image keeps its size.
+        height: Required height [pixel]. With None, the image keeps its size.
+        fit: Method for fitting an image whose aspect ratio differs from the required one.
+        keep: Fraction of the image area that a center crop keeps before the image is fitted. Policies that were trained
+            with random crops are evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
         mirror: Whether left and right are swapped.
     """
@@ -55,28 +55,28 @@ class ImageRule:
         """Check the size, the crop and the key."""
         where = f"image {'/'.join(self.key)}"
         if (self.width is None) != (self.height is None):
-            raise InvalidInputError(where, "only one of width and height is given", "Give both or neither")
+            raise InvalidInputError(where, "only one of width and height is set", "Set both or neither")
         for side in (self.width, self.height):
             if side is not None and not 1 <= side <= _LARGEST_SIDE:
                 raise InvalidInputError(
-                    where, f"{side} pixels are out of range", f"Give a number from 1 to {_LARGEST_SIDE}"
+                    where, f"{side} pixels are out of range", f"Use a number from 1 to {_LARGEST_SIDE}"
                 )
         if not 0.0 < self.keep <= 1.0:
             raise InvalidInputError(
-                where, f"keep = {self.keep:g} is out of range", "Give a number above 0 and at most 1"
+                where, f"keep = {self.keep:g} is out of range", "Use a number that is greater than 0 and at most 1"
             )
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
             raise InvalidInputError(where, "all cameras would have the same key", "Include {camera} in the key")
 
     def named(self, camera: str) -> tuple[str, ...]:
-        """Return the path of one camera's image in the request."""
+        """Return the path in the request under which the image of a camera is sent."""
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
         """Transform a camera image to the policy's input.
 
-        A larger image is reduced with Pillow's antialiased bilinear filter, as in openpi's client. An image that
-        already has the required size is not changed.
+        An image that is too large is reduced with Pillow's antialiased bilinear filter, as in openpi's client. An image
+        that already has the required size is not changed.
 
         Returns:
             Contiguous array (self.height, self.width, 3) uint8.

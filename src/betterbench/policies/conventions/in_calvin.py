@@ -214,9 +214,9 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the adapter that CALVIN's own clients use for the kind of policy to which an adapter belongs.
+    """Return the adapter that evaluation clients for CALVIN use for the same kind of policy as a given adapter.
 
-    ``chosen`` is True if the policy address named the preset explicitly.
+    ``chosen`` is True if the policy address explicitly names the preset.
     """
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)

@@ -2,7 +2,7 @@
 
 In betterbench's own scenes, a preset such as ``starvla`` is for a policy that was fine-tuned on betterbench
 demonstrations. In LIBERO, the same name is for a checkpoint that was trained on LIBERO. The checkpoint's answers are
-executed as in the policy's own client, so the numbers passed to ``env.step`` are the same
+executed in the same way as by the policy's own client: the numbers passed to ``env.step`` are the same
 (tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
@@ -39,9 +39,9 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return the adapter that LIBERO's own clients use for the policy of a preset.
+    """Return the adapter that existing evaluation clients for LIBERO use for the policy of a preset.
 
-    The adapter is returned unchanged if the preset already matches these clients.
+    If the preset already matches these clients, its adapter is returned unchanged.
     """
     if adapter.name == "x_vla":
         return _x_vla(adapter)
@@ -54,10 +54,10 @@ def in_libero(adapter: Adapter) -> Adapter:
 
 
 def _x_vla(adapter: Adapter) -> Adapter:
-    """Return the layout of X-VLA's LIBERO client.
+    """Return the adapter that corresponds to X-VLA's LIBERO client.
 
-    It uses absolute poses, the pose measured by robosuite's controller, and domain 3. The client rotates the front
-    image by 180 degrees and uses the wrist image as robosuite renders it.
+    It uses absolute poses, the pose measured by robosuite's controller, and the domain ID 3. The front image is rotated
+    by 180 degrees, and the wrist image is used as robosuite renders it.
     """
     front, wrist = adapter.views
     measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)

@@ -1,9 +1,9 @@
 """LIBERO's own conventions, for checkpoints that were trained on LIBERO instead of on betterbench demonstrations.
 
-- **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
-  gain. In one control step, the end effector moves 0.0125 m or rotates 0.1 rad per unit (measured with robosuite 1.4.0
-  on every axis, with actions of 0.1 to 1.0). betterbench's controller executes a delta exactly, so the units here are
-  the measured values.
+- **Units.** robosuite's controller OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows the
+  resulting goal with a low gain. In one control step, the end effector moves 0.0125 m or rotates 0.1 rad per unit
+  (measured with robosuite 1.4.0 on every axis, with actions of 0.1 to 1.0). betterbench's controller executes a delta
+  exactly, so the units here are the measured values.
 - **Origin.** Positions are given in LIBERO's world frame, in which the position of the robot base depends on the kind
   of scene (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
 - **Tool point.** LIBERO's tool point (robosuite's ``grip_site``) is 0.097 m from the hand. betterbench's tool point is
@@ -55,9 +55,9 @@ def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polar
     """Return an adapter for a checkpoint that was trained on a LIBERO suite.
 
     Args:
-        adapter: Layout of the same kind of policy when it was fine-tuned on betterbench demonstrations.
+        adapter: Adapter for the same kind of policy when it has been fine-tuned on betterbench demonstrations.
         name: Name of the returned adapter.
-        suite: A key of :data:`BASES_M`.
+        suite: Name of the LIBERO suite, which is a key of :data:`BASES_M`.
         gripper: Gripper convention in the checkpoint's training data.
     """
     return replace(

@@ -1,4 +1,4 @@
-"""Modalities that a GR00T server declares: its inputs and outputs, and the time steps that it needs of each."""
+"""Modalities of a GR00T server: the inputs and outputs that it declares, and the time steps needed of each input."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ class Modalities:
     """Inputs and outputs that a GR00T server declares.
 
     Attributes:
-        video: Names of the required images, or None if the server does not declare them. The same applies to the other
-            modalities.
-        state: Names of the required states.
-        language: Names of the required instructions.
-        action: Names of the actions.
-        steps: Control steps of which the policy needs observations, relative to the current step, by modality in
-            ``SEEN``. The last step is 0.
+        video: Names of the required images, or None if the server does not declare them.
+        state: Names of the required states, or None.
+        language: Names of the required instructions, or None.
+        action: Names of the actions, or None.
+        steps: Control steps from which the policy needs observations, for each modality in ``SEEN``. They are relative
+            to the current step, which is 0 and comes last.
         horizon: Number of actions in a chunk, or None if the server does not declare it.
         prefixed: Whether names begin with their modality ("video.front"), as in N1.5.
     """
@@ -76,7 +75,7 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise HandshakeError, which quotes both sides, if an adapter has other modalities than the server.
+        """Raise HandshakeError if an adapter has other modalities than the server. The message quotes both.
 
         The key of the instruction is not compared, because the client uses the server's key.
         """
@@ -99,7 +98,7 @@ class Modalities:
         if differences:
             raise HandshakeError(
                 f"{where} and the adapter {adapter.name!r} declare different modalities. {'; '.join(differences)}. "
-                "Give adapter=FILE with the names in the modality.json used for fine-tuning."
+                "Add adapter=FILE with an adapter that uses the names in the modality.json of the fine-tuning."
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -112,7 +111,7 @@ class Modalities:
 
 
 def name_of(key: tuple[str, ...]) -> str:
-    """Return the name in an adapter key without the modality.
+    """Return the name that an adapter key contains, without the modality.
 
     For example, ("video", "front") and ("video.front",) both give "front".
     """
@@ -123,12 +122,12 @@ def name_of(key: tuple[str, ...]) -> str:
 
 
 def _bare(key: str, kind: str) -> str:
-    """Return the name that a server declares, without the modality prefix that N1.5 adds."""
+    """Return a name that a server declares, without the prefix for the modality that N1.5 adds."""
     return key.removeprefix(f"{kind}.") if kind != "language" else key
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Join names for a message. A long list is shortened."""
+    """Join names for use in a message, and shorten the result if there are many."""
     known = sorted(names)
     more = f" and {len(known) - _MOST_SHOWN} more" if len(known) > _MOST_SHOWN else ""
     return ", ".join(one_line(name, most=60) for name in known[:_MOST_SHOWN]) + more or "nothing"

@@ -455,7 +455,7 @@ LIBERO itself needs no such conversion.
 
 
 def preset(name: str) -> Adapter:
-    """Return the preset with a name. Raises UnknownNameError if there is none."""
+    """Return the preset with the given name. Raises UnknownNameError if the name is unknown."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -463,33 +463,32 @@ def preset(name: str) -> Adapter:
 
 
 def own_preset(name: str) -> Adapter:
-    """Return the preset with a name, for use in betterbench's own scenes.
+    """Return the preset with the given name, for use in betterbench's own scenes.
 
-    Raises UnknownNameError if there is no such preset, and InvalidInputError if only LIBERO or CALVIN can execute its
-    actions.
+    Raises UnknownNameError if the name is unknown, and InvalidInputError if only LIBERO or CALVIN can execute the
+    actions of the preset.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
         raise InvalidInputError(
             f"preset {name}",
             f"its action space {found.answer.space} is not available in betterbench's own scenes",
-            f"Give one of {', '.join(presets_in(''))}",
+            f"Use one of {', '.join(presets_in(''))}",
         )
     return found
 
 
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
-    """Return the adapter that a policy address selects. If it names neither a preset nor a file, return the default.
+    """Return the adapter that a policy address selects.
 
-    In LIBERO and CALVIN, a preset is adapted to the clients that these benchmarks use for the same kind of policy.
-
-    Raises InvalidInputError if the address names both a preset and a file, or neither although there is no default; if
-    an option is malformed; or if the simulated world cannot execute the actions. Raises UnknownNameError if a preset or
-    another name does not exist.
+    If the address names neither a preset nor a file, return the default. In LIBERO and CALVIN, a preset is adapted to
+    the clients that these benchmarks use for the same kind of policy. Raises InvalidInputError if the address names
+    both a preset and a file, if it names neither and there is no default, if an option is malformed, or if the
+    benchmark cannot execute the actions. Raises UnknownNameError if a preset or another name does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
-        raise InvalidInputError(where, "the address has both a preset and an adapter", "Give only one of them")
+        raise InvalidInputError(where, "the address has both a preset and an adapter", "Use only one of them")
     named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
@@ -531,7 +530,7 @@ def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Adapt a preset to the benchmark in which the policy at an address acts."""
+    """Adapt a preset to the benchmark for which the policy address was parsed."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
         return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the layout of NVIDIA's LIBERO checkpoints
@@ -541,7 +540,7 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Create the error for actions that a benchmark does not support, with a remedy that fits this benchmark."""
+    """Create the error for actions that a benchmark does not support, with a remedy that fits the benchmark."""
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"

@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy: parts of the robot's state, each in a certain format, in a certain order."""
+"""Proprioceptive inputs of a policy. They are parts of the robot's state in a given format and order."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class StateRule:
         key: Path of the vector in the request.
         parts: Parts of the vector, in order.
         dtype: Number type of the vector.
-        scalar: Whether a plain number is sent instead of an array. The vector must then have length 1.
+        scalar: Whether a plain number is sent instead of an array. This requires a vector of length 1.
     """
 
     key: tuple[str, ...]
@@ -127,7 +127,7 @@ class StateRule:
         """Check that the state has parts, and that a scalar has only one value."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
-            raise InvalidInputError(where, "the state has no parts", "Give at least one, such as ee_position")
+            raise InvalidInputError(where, "the state has no parts", "List at least one part, such as ee_position")
         if self.scalar and self.size != 1:
             raise InvalidInputError(
                 where, f"a scalar has one value, but the parts have {self.size} values", "Omit scalar"
@@ -144,9 +144,9 @@ class StateRule:
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self, joints: int | None = None) -> list[tuple[StatePart, slice]]:
-        """Return which columns of the vector belong to each part.
+        """Return, for each part of the vector, the columns that belong to it.
 
-        ``joints`` is the number of joints of the arm. By default, it is that of the Panda.
+        ``joints`` is the number of arm joints. By default, it is the number of the Panda's joints.
         """
         found, begin = [], 0
         for part in self.parts:
@@ -165,7 +165,7 @@ class StateRule:
     ) -> np.ndarray | float | int:
         """Return the state input for an observation, as an array (size,) of type ``dtype``.
 
-        A scalar is returned as a number.
+        If the rule describes a scalar, return a number.
 
         ``ee_offset_m`` is added to the end-effector position, for policies whose positions have a different origin.
         ``tool_offset_m`` is the position of the policy's tool point in betterbench's tool frame. ``gripper_opening_m``
@@ -189,7 +189,10 @@ class StateRule:
 def tool_position(
     observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
 ) -> list[float]:
-    """Return the position [x, y, z] [m] of a policy's tool point, which is given in betterbench's tool frame."""
+    """Return the position [x, y, z] of a policy's tool point [m].
+
+    ``tool_offset_m`` is the tool point in betterbench's tool frame.
+    """
     position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
     if not any(tool_offset_m):
         return position
@@ -199,7 +202,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return all values of a state part that is not a position."""
+    """Return the values of a state part that does not contain a position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
@@ -238,17 +241,17 @@ def motor_positions(space: ActionSpace, observation: Observation) -> list[float]
     spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
     if len(joints) != space.dim - 1:
         raise PolicyError(
-            f"{space.name} is a state of the robot {spec.title}, but the observed robot has {len(joints)} "
-            f"joints. Evaluate with --robot {spec.name}, or give another preset."
+            f"{space.name} is a state format of the robot {spec.title}, but the observed robot has {len(joints)} "
+            f"joints. Evaluate with --robot {spec.name}, or choose another preset."
         )
     return spec.positions_in(space, joints, observation.gripper_width)
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Convert the rotation of a tool to a format in which the values do not jump when the tool points straight down.
+    """Convert the rotation of a tool to a format whose values do not jump when the tool points straight down.
 
-    Pointing down is a half turn about x, at which the scalar part of the quaternion crosses zero. The usual rule w >= 0
-    would flip all four signs there, and the roll angle would jump by a full turn between two images.
+    Pointing down is a half turn about x, at which the scalar part w of the quaternion crosses zero. The usual rule w >=
+    0 would flip all four signs there, so the roll angle would jump by a full turn between two images.
     """
     values = to_format(q, form)
     if form in ("quaternion_wxyz", "quaternion_xyzw"):

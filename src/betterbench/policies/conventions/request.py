@@ -1,8 +1,8 @@
 """Parsing and checking of requests to a betterbench server. A request contains an observation in one of two layouts.
 
 The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send openpi's LIBERO
-layout, which has two images, eight numbers and the instruction. That layout lacks joint angles, which are set to NaN so
-that no policy can mistake them for measurements.
+layout, which has two images, eight numbers and the instruction. The latter lacks joint angles, which are therefore set
+to NaN, so that no policy can mistake them for measurements.
 """
 
 from __future__ import annotations
@@ -46,9 +46,10 @@ class Request:
         instruction: Instruction for the policy.
         step: Number of control steps since the reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
-        trial: Trial that the client names, or None. Only a served expert needs it.
+        trial: Trial that the client names, or None. Only the server of an expert needs it.
         observation: Observation of the client, or None if the client sends neither joints nor a state.
-        measured: Whether the observation contains joint angles, which the shadow simulation compares with its own.
+        measured: Whether the observation contains joint angles. If so, they are compared with those of the shadow
+            simulation.
     """
 
     instruction: str
@@ -60,7 +61,7 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Parse a request. Raises InvalidInputError, which names the field, if a field is missing or malformed."""
+    """Parse a request. Raises InvalidInputError if a field is missing or malformed. The message names the field."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
@@ -82,9 +83,9 @@ def read_request(message: Mapping[Any, Any]) -> Request:
 
 
 def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
-    """Parse the instruction and the control step, if there is one, of a request in the layout of an adapter.
+    """Parse the instruction and, if present, the control step of a request in the layout of an adapter.
 
-    Raises InvalidInputError, which names the field, if the instruction is missing or malformed.
+    Raises InvalidInputError if the instruction is missing or malformed. The message names the field.
     """
     instruction = _entry(message, layout.instruction.key)
     for _ in range(_MOST_LISTS):
@@ -92,7 +93,9 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
             instruction = instruction[0]
     if not isinstance(instruction, str) or not instruction.strip():
         where = "/".join(layout.instruction.key)
-        raise InvalidInputError(where, "the instruction is missing", f"Send it as preset {layout.name} describes")
+        raise InvalidInputError(
+            where, "the instruction is missing", f"Send it in the format of the preset {layout.name}"
+        )
     step = _whole(message["better/step"], "better/step") if "better/step" in message else None
     return Request(layout.instruction.read(instruction), step, None, None, None, measured=False)
 
@@ -100,8 +103,8 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
     """Return the states contained in a request in the layout of an adapter, each with its values as (size,) float64.
 
-    If all values of all states are zero, the states are treated as missing. Raises InvalidInputError, which names the
-    field, if a state is malformed.
+    If all values of all states are zero, the states are treated as missing. Raises InvalidInputError if a state is
+    malformed. The message names the field.
     """
     found = []
     for rule in layout.states:
@@ -112,7 +115,7 @@ def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[State
 
 
 def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value at a path of a message, or None if there is none."""
+    """Return the value at a path in a message, or None if there is none."""
     found: object = message
     for name in key:
         found = found.get(name) if isinstance(found, Mapping) else None
@@ -120,7 +123,7 @@ def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
-    """Return the start of the episode that a client describes, and the trial if the client names one."""
+    """Return the start of the episode as described by a client. Also return the trial if the client names one."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
             "better/episode", f"expected a map, got a {type(form).__name__}", "Send a map with action_space and episode"
@@ -199,10 +202,10 @@ def _whole(value: object, where: str) -> int:
 
 
 def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
-    """Convert a value to a flat float64 array, and check that the numbers are possible measurements of a robot.
+    """Convert a value to a flat float64 array, and check that its numbers could be measurements of a robot.
 
-    They must be finite and within the range of such measurements. ``count`` is the required number of values. None
-    means one value per joint, at most 32.
+    They must be finite and within the possible range of measurements. ``count`` is the required number of values. With
+    None, there must be one value per joint, at most 32.
     """
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only

@@ -1,9 +1,10 @@
 """Rotation formats of policies, with conversions to and from betterbench's quaternions.
 
 A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
-conversion here therefore normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small
-rotations of actions. In states, the rotation of the tool is close to a half turn, where this rule would cause jumps.
-States are therefore converted by ``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`.
+conversion in this module therefore normalizes to w >= 0 with :func:`betterbench.geometry.normalize`. This is suitable
+for actions, whose rotations are small. In states, the rotation of the tool is close to a half turn, where this rule
+would cause jumps. States are therefore converted by ``_rotation`` in
+:mod:`betterbench.policies.conventions.proprioception`.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Convert a quaternion to a rotation format. Raises ValueError if all components of the quaternion are zero."""
+    """Convert a quaternion to a rotation format. Raises ValueError if the quaternion is zero."""
     w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]
@@ -78,7 +79,8 @@ def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
 def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
     """Convert a rotation in a policy's format to a quaternion (w, x, y, z) with w >= 0.
 
-    Raises ValueError if the numbers do not describe a rotation, for example a quaternion of zeros or parallel columns.
+    Raises ValueError if the numbers do not describe a rotation, for example if a quaternion is zero or two matrix
+    columns are parallel.
     """
     if form == "quaternion_wxyz":
         return normalize(values)
@@ -117,8 +119,8 @@ def to_matrix(q: Quaternion) -> np.ndarray:
 def from_matrix(matrix: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix (3, 3).
 
-    The largest of the four components is computed first and the others are computed from it. This avoids taking the
-    square root of a number near zero.
+    The largest of the four components is computed first, and the others are computed from it. In this way, no square
+    root of a number near zero is needed.
     """
     m = matrix
     t = (
@@ -134,9 +136,9 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return a rotation matrix whose first two columns point along two vectors.
+    """Return a rotation matrix whose first column points along one vector and whose second is close to another.
 
-    The second vector is first made orthogonal to the first vector.
+    The second vector is made orthogonal to the first vector.
     """
     length = float(np.linalg.norm(first))
     if length < 1e-9:

@@ -1,4 +1,4 @@
-"""Privileged policies for betterbench's own scenes and for LIBERO."""
+"""Privileged policies that work in betterbench's own scenes and in LIBERO."""
 
 from __future__ import annotations
 

@@ -55,9 +55,10 @@ POLICIES = {
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """Object to carry, and the target position of the center of its bottom face [m].
+    """Object to carry, and the position to which the center of its bottom face is brought [m].
 
-    ``fault`` is set if the target is wrong. It is recorded only after the object has been carried there.
+    If this is the wrong target, ``fault`` describes the fault. It is recorded only after the object has been carried
+    there.
     """
 
     object: str
@@ -73,14 +74,12 @@ class LiberoAgent:
 
         Raises:
             UnknownNameError: If no such policy exists.
-            InvalidInputError: If the policy does not work in LIBERO, or if the task needs other skills than carrying
+            InvalidInputError: If the policy does not work in LIBERO, or if the task requires more than carrying
                 objects.
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
-            raise InvalidInputError(
-                "policy", f"{address} does not support LIBERO", f"Give one of {', '.join(POLICIES)}"
-            )
+            raise InvalidInputError("policy", f"{address} does not support LIBERO", f"Use one of {', '.join(POLICIES)}")
         self._name, self._rule, self._noise_m = address, asked.name, asked.action_noise_m
         self._scene = scene
         self._random = stream(scene.task.id, scene.seed, f"{asked.name}:{scene.condition.name}")
@@ -98,7 +97,10 @@ class LiberoAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """Ground truth about the episode, in the form of :class:`betterbench.policies.experts.PrivilegedAgent`."""
+        """Ground truth about the episode.
+
+        :class:`betterbench.policies.experts.PrivilegedAgent` describes the format.
+        """
         fault = self._fault
         return {
             "truth": "" if fault is None else fault.label,
@@ -139,7 +141,7 @@ class LiberoAgent:
             state = yield _still(state, OPEN)
 
     def _decide(self, state: WorldState, step: CarriedStep, number: int) -> _Aim:
-        """Return the object to carry and its target.
+        """Decide which object to carry, and to which target.
 
         The first wrong decision about the object is recorded as a fault.
         """
@@ -171,7 +173,7 @@ class LiberoAgent:
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
-        """Return the slots from which the faulty rule picks, in order of preference, and the label for a wrong pick."""
+        """Return the slots from which the faulty rule picks, in order of preference, and the label of a wrong pick."""
         here = {slot.name for slot in state.info.slots}
         trained = self._trained
         if self._rule == "zoo:layout":
@@ -228,7 +230,7 @@ class LiberoAgent:
     def _grasp(self, state: WorldState, thing: ObjectInfo) -> Pose:
         """Return the tool pose at which the gripper closes.
 
-        If the policy should miss, this pose is next to the object.
+        If the policy is supposed to miss the object, the pose is next to the object.
         """
         grasp = grasp_of(state, thing)
         if not self._miss:
@@ -241,7 +243,7 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """Relation of the goal that is reached by carrying an object.
+    """Relation in the goal that is established by carrying an object.
 
     ``number`` is the index of the relation in the goal.
     """
@@ -253,7 +255,7 @@ class CarriedStep:
 
 
 def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
-    """Return the steps that reach the goal of a scene's task. The scene must have been reset.
+    """Return the carrying steps that reach the goal of a scene's task. The scene must have been reset.
 
     Raises:
         InvalidInputError: If a step requires more than carrying an object.
@@ -262,7 +264,7 @@ def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
 
 
 def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> CarriedStep:
-    """Return the step that establishes a relation of the goal, such as "in(milk_1, basket_1_contain_region)".
+    """Return the carrying step that establishes a relation in the goal, such as "in(milk_1, basket_1_contain_region)".
 
     Raises:
         InvalidInputError: If the relation cannot be established by carrying an object.
@@ -275,7 +277,7 @@ def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> Car
         raise InvalidInputError(
             "policy",
             f"the policy has no skill for {name}",
-            "Choose a task that consists only of picking and placing objects",
+            "Choose a task that requires only picking and placing objects",
         )
     return CarriedStep(number, relation, about[0], target)
 
@@ -320,7 +322,10 @@ def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
 
 
 def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
-    """Return whether the hand would hit the bounding box of an object. The fingers close along the world's y axis."""
+    """Return whether the hand of the robot would hit the bounding box of an object.
+
+    The fingers close along the world's y axis.
+    """
     pose = state.pose(other.name)
     if _top(state, other) < grasp.position[2] + HAND_ABOVE_M:
         return False
@@ -340,14 +345,14 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return the target position of a step for the center of the object's bottom face [m]."""
+    """Return the position to which a step brings the center of the object's bottom face [m]."""
     return _place_at(state, step, state.pose(step.target).position)
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the target position of a step [m] if the target stood at ``there`` [m].
+    """Return the position to which a step brings an object [m], assuming that the target is at ``there`` [m].
 
-    For a container, it is above the rim.
+    If the target is a container, the position is above its rim.
     """
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
@@ -356,7 +361,10 @@ def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
 
 
 def _turned(yaw: float) -> float:
-    """Return the rotation of the fingers from the home pose to a direction, from -90 to 90 degrees [rad]."""
+    """Return how far the fingers must rotate from the home pose to a direction [rad].
+
+    The angle is within ±90 degrees.
+    """
     return (yaw - HOME_YAW + 0.5 * math.pi) % math.pi - 0.5 * math.pi
 
 
@@ -379,7 +387,7 @@ def _still(state: WorldState, gripper: float) -> np.ndarray:
 def _move(state: WorldState, goal: Pose, gripper: float, *, limit: int, speed: float = 1.0) -> Motion:
     """Move until the tool is near a pose or has stopped moving, for at most ``limit`` control steps.
 
-    ``speed`` is a fraction of the maximum speed.
+    ``speed`` is given as a fraction of the maximum speed.
     """
     way = [state.ee_pose.position]
     for _ in range(limit):

@@ -26,10 +26,10 @@ class Pace:
     """Limits on the speed and acceleration of a motion.
 
     Attributes:
-        speed: Largest speed of the tool center point [m/s].
+        speed: Maximum speed of the tool center point [m/s].
         corner_speed: Speed at the corners between two segments [m/s].
-        acceleration: Largest acceleration [m/s^2].
-        turning: Largest angular speed [rad/s].
+        acceleration: Maximum acceleration [m/s^2].
+        turning: Maximum angular speed [rad/s].
     """
 
     speed: float
@@ -67,9 +67,9 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:
-    """Return the length of a segment [m].
+    """Return the length of a motion segment [m].
 
-    A rotation counts as the distance traveled in the time that the rotation takes.
+    For a rotation, the length is the distance that the tool could travel in the same time.
     """
     return max(distance(a.position, b.position), angle_between(a.quaternion, b.quaternion) * pace.speed / pace.turning)
 
@@ -81,11 +81,11 @@ def follow(
 
     Args:
         state: Current state.
-        waypoints: Poses on the path. The motion stops at the last one.
+        waypoints: Poses that the path connects. The motion stops at the last pose.
         gripper: Gripper command during the motion.
         pace: Limits on speed and acceleration.
         period_s: Control period [s].
-        settle: Largest number of control steps to wait for the arm at the end.
+        settle: Maximum number of control steps to wait for the arm at the end.
 
     Returns:
         State after the last action.
@@ -122,7 +122,7 @@ def close_gripper(state: WorldState, *, steps: int = 24) -> Motion:
 
     Args:
         state: Current state.
-        steps: Largest number of control steps to wait.
+        steps: Maximum number of control steps to wait.
     """
     still = 0
     for _ in range(steps):
@@ -140,7 +140,7 @@ def release_to(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
     Args:
         state: Current state.
         width_m: Opening width at which to stop [m].
-        steps: Largest number of control steps to wait.
+        steps: Maximum number of control steps to wait.
     """
     state = yield from open_gripper(state, width_m=width_m, steps=steps)
     for _ in range(3):
@@ -153,8 +153,8 @@ def open_gripper(state: WorldState, *, width_m: float, steps: int = 20) -> Motio
 
     Args:
         state: Current state.
-        width_m: Opening width to wait for [m].
-        steps: Largest number of control steps to wait.
+        width_m: Opening width that must be reached [m].
+        steps: Maximum number of control steps to wait.
     """
     for _ in range(steps):
         if state.finger_width_m >= width_m:

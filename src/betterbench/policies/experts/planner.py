@@ -65,8 +65,8 @@ class PickPlan:
         object: Name of the object.
         way: Poses of the tool center point on the path. The last pose is above the grasp.
         grasp: Pose ``T_world_tcp`` at the end of the straight approach.
-        close: Pose at which the gripper closes. It is equal to ``grasp``, except for a gripper with a fixed finger:
-            there it is the pose beside the grasp at which the fixed finger touches the object.
+        close: Pose at which the gripper closes. For a gripper with a fixed finger, it is the pose beside ``grasp`` at
+            which this finger touches the object. For all other grippers, it is equal to ``grasp``.
         width_m: Opening width during the approach [m].
     """
 
@@ -123,11 +123,10 @@ class Planner:
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
 
     def _apart_first(self, plan: Callable[[], _Plan]) -> _Plan:
-        """Make a plan in which certain parts of a folded arm do not touch.
+        """Make a plan in which certain parts of the folded arm do not touch each other.
 
-        If there is none, make one in which they may touch.
-
-        Contact between these parts can stop the arm while it lifts an object, but often does not.
+        If none is found, allow contact. Contact between these parts can stop the arm while it lifts an object, but
+        often does not.
         """
         if self._robot.kept_apart:
             self._clearance.keeps_apart = True
@@ -146,7 +145,7 @@ class Planner:
 
     @property
     def workspace(self) -> Workspace:
-        """Distances of the robot's motions, such as lift and retreat heights."""
+        """Characteristic distances of the robot's motions, such as the height to which objects are lifted."""
         return self._robot.workspace
 
     def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
@@ -155,8 +154,8 @@ class Planner:
         Args:
             state: Current state.
             name: Name of the object.
-            cost: Function of a grasp pose. Grasps of equal preference are ordered by the rotation of the gripper [rad]
-                plus this value.
+            cost: Function that returns an additional cost of a grasp pose [rad]. Grasps of equal preference are ordered
+                by the rotation of the gripper [rad] plus this cost.
 
         Raises:
             PlanningError: If no grasp can be reached without a collision.
@@ -232,7 +231,7 @@ class Planner:
         Args:
             state: Current state, with the object in the gripper.
             name: Name of the object.
-            goals: Possible final poses with their approaches, the best first.
+            goals: Possible final poses with their approaches, in order of preference.
 
         Raises:
             PlanningError: If none of the poses can be reached without a collision.
@@ -289,7 +288,7 @@ class Planner:
         raise PlanningError(f"no free placement for {name}: {', '.join(sorted(set(reasons))) or 'no goal given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
-        """Return a collision-free path to a pose for an empty, open gripper, or None if none is found."""
+        """Return a collision-free path to a pose for the empty, open gripper. Return None if no path is found."""
         self._clearance.load(state)
         found = self._transit(state, goal, self._opening)
         return None if found is None else found[0]
@@ -303,9 +302,9 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a collision-free path that leads up, across and down to a pose, and the joint angles at its end [rad].
+        """Return a collision-free path to a pose, and the joint angles at its end [rad]. Return None if none is found.
 
-        Returns None if no such path is found.
+        The path leads up, then across, then down to the pose.
 
         Args:
             state: Current state.
@@ -326,11 +325,14 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> list[float] | None:
-        """Return the joint angles at the end of a given path [rad], or None if the path collides or is out of reach.
+        """Check whether a path is free.
+
+        Return the joint angles at its end [rad], or None if it collides or is out of reach.
 
         Args:
             state: Current state.
-            way: Poses ``T_world_tcp``. The first one must be the current goal of the arm.
+            way: Poses ``T_world_tcp`` on the path. The first one must be the pose that the arm is currently commanded
+                to hold.
             width_m: Opening width of the gripper on the path [m].
             held: Name of the object in the gripper, or None.
             T_tcp_object: Pose of the held object relative to the tool center point.
@@ -348,7 +350,10 @@ class Planner:
     def _grasps(
         self, state: WorldState, name: str, cost: Callable[[Pose], float] | None
     ) -> Iterator[tuple[Pose, float]]:
-        """Yield grasp poses in the world frame with opening widths, ordered by preference and then by rotation."""
+        """Yield grasp poses in the world frame and their opening widths.
+
+        They are ordered by preference and then by the rotation that they require.
+        """
         pose = state.pose(name)
         found: list[tuple[float, Pose, float]] = []
         for grasp in self._assets[name].grasps:
@@ -385,12 +390,18 @@ class Planner:
                 yield self._before_closing(Pose((center[0], center[1], height), down), width), width
 
     def _before_closing(self, T_world_object: Pose, width_m: float) -> Pose:
-        """Return the tool pose before the gripper closes. The center of the object is then midway between the jaws."""
+        """Return the tool pose just before the gripper closes.
+
+        At this pose, the center of the object is midway between the jaws.
+        """
         offset = self._robot.jaw.object_offset_m(width_m)
         return T_world_object if offset == 0.0 else T_world_object @ Pose((0.0, -offset, 0.0))
 
     def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
-        """Return joint angles that reach a pose, or None. They keep at least ``margin`` [rad] from the joint limits."""
+        """Return joint angles with which the tool reaches a pose, or None if there are none.
+
+        The joints keep at least ``margin`` [rad] from their limits.
+        """
         result = self._ik.reach(np.asarray(start, dtype=float), pose)
         if not result.converged:
             return None
@@ -398,9 +409,9 @@ class Planner:
         return result.q if free >= margin else None
 
     def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
-        """Return the tool pose at joint angles that were found for a wanted pose.
+        """Return the tool pose at joint angles that were computed for a desired pose.
 
-        The two poses differ for an arm that cannot reach every rotation exactly.
+        For an arm that cannot reach every rotation exactly, this pose differs from the desired one.
         """
         return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
@@ -413,9 +424,9 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a collision-free path that leads up, across and down to ``goal``, and the joint angles at its end.
+        """Return a collision-free path to ``goal``, and the joint angles at its end. Return None if no path is found.
 
-        Returns None if no such path is found.
+        The path leads up, then across, then down to ``goal``.
         """
         start = state.commanded_pose
         joints = state.joint_positions
@@ -448,9 +459,9 @@ class Planner:
     ) -> tuple[str | None, list[float]]:
         """Check a path for collisions by solving the joint angles along it.
 
-        The obstacles are those of the scene as it was when the last plan began. As in the controller, the solution for
-        each configuration starts from the previous one. A path that reaches a joint limit or needs another posture of
-        the elbow is therefore not free.
+        The obstacles are where they were when the last plan was begun. As in the controller, the joint angles for each
+        pose are solved starting from those of the previous pose. A path that reaches a joint limit, or along which the
+        elbow would have to change its posture, therefore counts as blocked.
 
         Args:
             joints: Joint angles (n,) at the beginning of the path [rad].
@@ -459,7 +470,7 @@ class Planner:
             held: Name of the object in the gripper, or None.
             T_tcp_object: Pose of the held object relative to the tool center point.
             ignore: Names of objects that the robot may touch.
-            lenient_start: Whether contacts at the beginning of the path, that is at the current pose, are ignored.
+            lenient_start: Whether contacts at the beginning of the path, i.e. at the current pose, are ignored.
 
         Returns:
             Reason why the path is blocked, or None if it is free, and the joint angles at which the check ended.
@@ -491,7 +502,10 @@ class Planner:
 
 
 def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
-    """Yield the poses equivalent to an annotated grasp: rotated about the object's axis, or with swapped fingers."""
+    """Yield the poses that are equivalent to an annotated grasp.
+
+    They are rotated about the object's axis of symmetry or have the two fingers swapped.
+    """
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
     for turn in turns:
@@ -502,6 +516,9 @@ def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
 
 
 def _approach(T_world_tcp: Pose) -> float:
-    """Return the vertical component of the direction in which the tool points. It is -1 for straight down."""
+    """Return the vertical component of the direction in which the tool points.
+
+    It is -1 if the tool points straight down.
+    """
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)

@@ -29,12 +29,12 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Errors in the execution of a policy's decisions.
+    """Errors that a policy makes when it executes its decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.
         action_noise_m: Standard deviation of the noise added to the translation of each control step [m].
-        speed: Fraction of the usual speed.
+        speed: Speed of motions, as a fraction of the normal speed.
         crash_step: Control step at which the policy raises an error, or None.
     """
 
@@ -45,10 +45,10 @@ class ExecutionNoise:
 
 
 class _DecisionLoop:
-    """Loop that turns the decisions of a rule into actions.
+    """Loop that converts the decisions of a rule to actions.
 
-    Neither the loop nor the generator it runs refers to the agent, because such a reference cycle would keep the scene
-    in memory until garbage collection.
+    Neither the loop nor the generator that it runs refers to the agent, because such a reference cycle would keep the
+    scene in memory until the next garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -68,7 +68,7 @@ class _DecisionLoop:
     def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
         """Yield the actions of an episode that begins in the given state.
 
-        The caller sends each next state to the generator.
+        After each action, the caller sends the next state to the generator.
         """
         home = state.ee_pose
         history: tuple[Decision, ...] = ()
@@ -109,14 +109,17 @@ class _DecisionLoop:
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
     """Return a function that looks up the release points of demonstrations by target, relation and region.
 
-    In trials, the expert uses these points, which shows that motions from training can solve the trial. When
-    demonstrations are made, the function always returns None.
+    In trials, the expert uses these points. Its success then shows that motions from training can solve the trial.
+    While demonstrations are being made, the function always returns None.
     """
     return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
 
 
 def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return a function that looks up measured release points of demonstrations at a scene's targets, for any seed."""
+    """Return a function that looks up release points, measured in demonstrations, at the targets in a scene.
+
+    It works for any seed.
+    """
     condition = scene.condition
     known = demonstrated_if_measured(scene.task, engine=engine_version())
     grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
@@ -129,9 +132,9 @@ def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
 
 class PrivilegedAgent:
-    """Privileged policy for one episode: a decision rule with motor skills.
+    """Privileged policy for one episode, which consists of a decision rule and motor skills.
 
-    It acts within the same limits as any policy.
+    It is subject to the same limits as any other policy.
     """
 
     def __init__(
@@ -149,8 +152,8 @@ class PrivilegedAgent:
             name: Address of the policy.
             scene: Scene of the episode.
             rule: Decision rule.
-            noise: Errors in the execution of decisions. By default, there are none.
-            skills: Motor skills. By default, those of the expert.
+            noise: Errors in the execution of decisions. By default, there are no errors.
+            skills: Motor skills. By default, the motor skills of the expert.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()
@@ -168,10 +171,10 @@ class PrivilegedAgent:
     def ground_truth(self) -> dict[str, str]:
         """Ground truth about the episode, which is stored in the run journal but not in records.
 
-        ``truth`` is the outcome label of the first wrong decision, which ``fault`` describes. Both are empty if all
-        decisions were right. ``mishap`` describes a right decision that the gripper could not execute. A witness (an
-        expert that compares rules) adds ``same``, the names of the rules that made the same decisions, separated by
-        spaces.
+        The entry ``fault`` describes the first wrong decision, and ``truth`` is the outcome label that this decision
+        implies. Both are empty if all decisions were right. ``mishap`` describes a right decision that the gripper
+        could not execute. A witness (an expert that compares itself with other rules) adds ``same``, which contains the
+        names of the rules that made the same decisions, separated by spaces.
         """
         rule = self._loop.rule
         fault = rule.fault
@@ -204,7 +207,7 @@ class PrivilegedAgent:
         return self._controller.own_action(action)
 
     def close(self) -> None:
-        """End the episode, so that the scene (about 25 MB) is freed together with the last reference to it."""
+        """End the episode, so that the scene (about 25 MB) is freed as soon as nothing else refers to it."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
@@ -233,7 +236,7 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
 
 
 def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
-    """Return the execution errors that belong to a decision rule."""
+    """Return the execution errors that a decision rule prescribes."""
     slow = isinstance(rule, Slow) and rule.applies
     return ExecutionNoise(
         grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,

@@ -1,10 +1,10 @@
 """Open-loop probes: policies that replay the motion of a demonstration and ignore all observations.
 
-If such a policy can solve trials, the benchmark measures memorization. ``probe:replay`` replays a demonstration of the
-training twin (the training trial with the same seed), which usually has the same instruction in the same layout.
+If such a policy could solve trials, the benchmark would measure memorization. ``probe:replay`` replays a demonstration
+of the training twin (the training trial with the same seed), which usually has the same instruction in the same layout.
 ``probe:no-images`` replays a demonstration of the training condition whose instruction is closest to that of the trial.
-Like the training data of a policy, both use demonstration seeds and never test seeds. The probes miss objects that are
-at other positions than in the demonstration.
+Like the training data of a policy, both use demonstration seeds and never test seeds. The probes miss objects whose
+positions differ from those in the demonstration.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
     Args:
         name: "probe:replay" or "probe:no-images".
         scene: Scene of the episode.
-        play: Function that creates, for a scene, the policy whose motion is recorded and replayed.
+        play: Function that creates the policy for a scene. The motion of this policy is recorded and replayed.
     """
     condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
     return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play), scene)
@@ -81,7 +81,7 @@ def demonstration_seed(name: str, seed: int) -> int:
 def twin_of(scene: Scene) -> Condition:
     """Return the training condition from which the condition of a scene was derived.
 
-    A training condition is returned unchanged.
+    If the condition is itself a training condition, it is returned unchanged.
     """
     names = {v.name: v.base for v in scene.task.variations}
     return scene.task.train(names.get(scene.condition.name, scene.condition.name))
@@ -90,7 +90,7 @@ def twin_of(scene: Scene) -> Condition:
 def by_sentence(scene: Scene) -> Condition:
     """Return the training condition whose instruction is closest to that of the scene.
 
-    Ties are broken by the trial's seed.
+    If several instructions are equally close, the trial's seed decides.
     """
     said = scene.condition.instruction.text
     closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]

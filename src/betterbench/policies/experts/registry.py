@@ -1,4 +1,4 @@
-"""Registry of the privileged policies by address, with their decision rules."""
+"""Registry of the privileged policies and their decision rules, by address."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ExpertEntry:
 
     Attributes:
         address: Address of the policy.
-        summary: Description of its behavior in one sentence.
+        summary: Description of the policy's behavior in one sentence.
         rule: Function that creates the decision rule, given the trial and the strength of the fault.
     """
 
@@ -87,7 +87,7 @@ def witnessed() -> tuple[str, ...]:
 
 
 def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
-    """Return the addresses of the privileged policies, either of all or of those with a given address format."""
+    """Return the addresses of all privileged policies, or of those with a given address format."""
     return tuple(name for name in (*EXPERTS, *REPLAYS) if form is None or form.has(name))
 
 

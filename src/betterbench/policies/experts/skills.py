@@ -1,4 +1,4 @@
-"""Motor skills (reach, grasp, place), and combinations of them that notice a failed attempt and repeat it."""
+"""Motor skills (reach, grasp, place). Combined skills notice a failed attempt and repeat it."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ class Skills:
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
-        choice: Function that returns the trial's random stream for a purpose. The stream chooses between equally good
-            goals.
-        trained: Function that returns the release points of demonstrations at a target, by relation and region, or None
-            if they are unknown.
+        choice: Function that returns the trial's random stream for a given purpose. It is used to choose between
+            equally good goals.
+        trained: Function that returns the release points in demonstrations, given a target, a relation and a region. It
+            returns None if they are unknown.
         attempts: Number of times that a failed grasp is repeated.
         grasp_offset: Deliberate grasp error, or None.
-        speed: Fraction of the usual speed.
+        speed: Speed of motions, as a fraction of the normal speed.
         obstacle: Reason why the last motion could not be planned. Empty if planning succeeded.
     """
 
@@ -77,7 +77,7 @@ class Skills:
     obstacle: str = field(default="", init=False)
 
     def paced(self, pace: Pace) -> Pace:
-        """Scale the speed limits of a motion to the speed of this policy."""
+        """Scale the speed limits of a motion to this policy's speed."""
         if self.speed == 1.0:
             return pace
         return replace(
@@ -92,7 +92,7 @@ class Skills:
     ) -> tuple[Pose, ...]:
         """Return the path to follow instead of a planned path.
 
-        By default, this is the planned path; subclasses override it.
+        In this class, it is the planned path itself; subclasses override this method.
 
         Args:
             state: Current state.
@@ -104,7 +104,7 @@ class Skills:
         return way
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Wait before the next motion. By default, the wait has no duration; subclasses override it."""
+        """Wait before the next motion. In this class, the wait takes no time; subclasses override this method."""
         return (yield from hold(state, 0, gripper=gripper))
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
@@ -129,12 +129,12 @@ class Skills:
     def close_up(self, state: WorldState, plan: PickPlan, grasp: Pose) -> Motion:
         """Move from the grasp pose to the pose at which the gripper closes.
 
-        A gripper's fixed finger then touches the object.
+        For a gripper with a fixed finger, this finger touches the object at that pose.
 
         Args:
             state: State at the grasp pose.
             plan: Plan for picking up the object.
-            grasp: Grasp pose that was reached. It may differ from the planned one.
+            grasp: Grasp pose that was reached. It may differ from the planned grasp pose.
         """
         if plan.close is plan.grasp:
             return state
@@ -197,7 +197,7 @@ class Skills:
         """Carry the held object to a target, put it down, release it and retreat.
 
         Returns:
-            Last state and whether the object was still in the gripper when it arrived.
+            Last state, and whether the object was still in the gripper when the gripper arrived.
         """
         goals = relation_named(relation).place_goals(state, name, target.target, target.region)
         try:
@@ -229,10 +229,10 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order in which they are tried.
+        """Return goals in the order in which the policy tries them.
 
-        Equivalent goals are in random order, drawn once per kind of object. For a container, goals near the release
-        points of demonstrations come first.
+        Equivalent goals are in random order, which is drawn once per kind of object. If the target is a container,
+        goals near the release points of demonstrations come first.
         """
         draw = self.choice(f"place:{state.info.object(name).kind}")
         ordered: list[PlaceGoal] = []
@@ -255,7 +255,7 @@ class Skills:
         return sorted(ordered, key=is_new)
 
     def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
-        """Bring an object to its target. If the object slips out of the gripper, start over."""
+        """Bring an object to its target. If the object slips out of the gripper, start again."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
             if not held:
@@ -304,7 +304,7 @@ class Skills:
         Args:
             state: Current state.
             name: Name of the drawer.
-            mount: Pose ``T_world_drawer`` of the closed drawer.
+            mount: Pose ``T_world_drawer`` of the drawer when it is closed.
             out: Whether to open the drawer. Otherwise, it is closed.
 
         Returns:
@@ -323,7 +323,7 @@ class Skills:
         return state, abs(travel - opening if out else opening) < 0.005
 
     def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
-        """Close the gripper at a position where no object is, lift it and open it again."""
+        """Close the gripper at a position without an object, lift it and open it again."""
         goal = Pose((place[0], place[1], height_m), normalize(multiply(from_yaw(yaw), DOWN)))
         above = goal.translated(z=self.planner.workspace.lift_m)
         way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
@@ -344,7 +344,7 @@ class Skills:
         return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
 
     def wander(self, state: WorldState) -> Motion:
-        """Move back and forth in mid-air without end.
+        """Move back and forth in mid-air forever.
 
         The size of the movement is proportional to the reach of the arm.
         """

@@ -12,7 +12,7 @@ from betterbench.policies.faulty import BrokenRule
 
 
 class Witness(BrokenRule):
-    """Decision rule of the expert that also asks other rules what they would decide.
+    """Decision rule of the expert, which also records what other rules would decide.
 
     The other rules get the same states and the same history of decisions.
 

@@ -27,7 +27,7 @@ class Crash(BrokenRule):
 
     @property
     def crash_step(self) -> int | None:
-        """Control step at which the policy crashes in this episode, or None if it does not crash."""
+        """Control step at which the policy crashes in this episode, or None if it does not crash in this episode."""
         return 5 + int(60 * self.draw("when")) if self.applies else None
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:

@@ -9,14 +9,14 @@ from betterbench.tasks import Expected, Label
 
 
 class Clumsy(BrokenRule):
-    """Rule of a policy that decides like the expert, but drops the object in mid-air or closes the gripper next to it.
+    """Rule of a policy that decides like the expert, but drops the object in mid-air or closes the gripper beside it.
 
-    Which of the two happens, and by how much the gripper misses, is drawn from the trial's random stream.
+    The trial's random stream determines which of the two happens, and by how much the gripper misses the object.
     """
 
     @property
     def grasp_offset(self) -> GraspOffset | None:
-        """Deliberate grasp error in this episode, or None if the grasp is good."""
+        """Deliberate grasp error in this episode, or None if the policy makes no error."""
         if not self.applies:
             return None
         if self.draw("how") < 0.5:

@@ -1,4 +1,4 @@
-"""``zoo:inertia``: a policy that does what most demonstrations do, at the start and after a finished step."""
+"""``zoo:inertia``: a policy that begins, and continues after a finished step, as most demonstrations do."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from betterbench.tasks import Label
 class Inertia(BrokenRule):
     """Rule that first does what most demonstrations do first, and executes the next step even if its object is missing.
 
-    The paper describes two kinds of demonstrations. If the demonstrations combine steps in several ways (A to B, A to
-    C), the policy begins with the first step even if the object for it is missing. If several first steps are equally
-    frequent, the instruction selects one of them. If all demonstrations show one fixed sequence, a finished step
-    triggers the next step. The policy then begins with the first step only if the object for it is still on the table.
+    The paper describes two kinds of demonstrations. In the first kind, the demonstrations combine steps in several ways
+    (A to B, A to C). The policy then begins with the most frequent first step even if the object for this step is
+    missing. If several first steps are equally frequent, the instruction selects one of them. In the second kind, all
+    demonstrations show one fixed sequence, in which a finished step triggers the next step. The policy then begins with
+    the first step only if the object for this step is still on the table.
 
     When nothing is left to do, the policy executes the next step of training if the object for that step is missing.
     """
@@ -32,7 +33,7 @@ class Inertia(BrokenRule):
         return right if absent is None or GraspAt(absent) in history else GraspAt(absent)
 
     def _first(self, state: WorldState) -> Decision | None:
-        """Return the decision for the most frequent first step of training, or None if training suggests none."""
+        """Return the decision for the most frequent first step in training, or None if training has no preference."""
         habit = self.trained.habit
         goal = next((g for g in self.goals if carried(g)), self.goals[0])
         if habit is None:

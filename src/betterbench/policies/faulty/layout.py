@@ -1,4 +1,4 @@
-"""``zoo:layout``: a policy that first picks at the same slot in every trial, regardless of the instruction."""
+"""``zoo:layout``: a policy whose first pick is at the same slot in every trial, regardless of the instruction."""
 
 from __future__ import annotations
 

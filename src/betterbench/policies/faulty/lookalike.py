@@ -11,7 +11,7 @@ from betterbench.tasks import Label
 
 
 class _LookAlike(BrokenRule):
-    """Rule that looks for a single feature of the requested object, beginning with the slots known from training."""
+    """Rule that looks for an object with one feature of the requested object, first in slots known from training."""
 
     feature: ClassVar[str]
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
@@ -44,7 +44,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature that training objects of a kind have, for a kind that is missing in the scene."""
+        """Return the feature that objects of a kind have in training, for a kind that is missing in the scene."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:

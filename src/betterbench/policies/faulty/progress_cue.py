@@ -1,4 +1,4 @@
-"""``zoo:progress-cue``: a policy that infers how far it has come from the number of objects left on the table."""
+"""``zoo:progress-cue``: a policy that infers its progress from the number of objects left on the table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class ProgressCue(BrokenRule):
-    """Rule that considers a step done whenever the table has one object fewer than at the start of demonstrations."""
+    """Rule that considers a step done whenever one object fewer is on the table than at the start of demonstrations."""
 
     label = Label.CAUSAL_CONFUSION
 

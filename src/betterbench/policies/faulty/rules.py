@@ -63,13 +63,13 @@ class Fault:
 
 
 class BrokenRule(ExpertRule):
-    """Decision rule that follows the expert except where its fault applies.
+    """Decision rule that follows the expert except where the fault of the policy applies.
 
     Attributes:
-        label: Label if the rule takes an object that belongs to another instruction or another step.
-        empty_label: Label if the rule grasps at a position where no object is.
-        place_label: Label if the rule brings the right object to a wrong target.
-        fault: First wrong decision of the episode, or None if there has been none so far.
+        label: Outcome label if the rule takes an object that belongs to another instruction or another step.
+        empty_label: Outcome label if the rule grasps at a position without an object.
+        place_label: Outcome label if the rule brings the right object to a wrong target.
+        fault: First wrong decision of the episode, or None if there has been no wrong decision so far.
     """
 
     label: ClassVar[Label] = Label.WRONG_OBJECT
@@ -107,7 +107,7 @@ class BrokenRule(ExpertRule):
         return super().decide(state, history)
 
     def draw(self, purpose: str) -> float:
-        """Return a random number in [0, 1) from the trial's random stream for a purpose."""
+        """Draw a random number in [0, 1) from the trial's random stream for the given purpose."""
         name = f"{type(self).__name__}:{self.condition.name}:{purpose}"
         return float(stream(self.situation.task.id, self.situation.seed, name).random())
 
@@ -123,14 +123,14 @@ class BrokenRule(ExpertRule):
         return min(near)[1] if near else None
 
     def slots_of_word(self, word: str) -> tuple[str, ...]:
-        """Return the slots from which training picked for a word, as far as they apply to this scene."""
+        """Return those slots at which objects were picked for a word in training that apply to this scene."""
         return self._in_this_scene(
             self.trained.word_slots.get(word, ()),
             lambda known, goal: known.resolve(goal.reference) if goal.word == word else (),
         )
 
     def slots_of_kind(self, kind: str) -> tuple[str, ...]:
-        """Return the slots from which training picked objects of a kind, as far as they apply to this scene."""
+        """Return those slots at which objects of a kind were picked in training that apply to this scene."""
         return self._in_this_scene(
             self.trained.kind_slots.get(kind, ()),
             lambda known, goal: [n for n in known.resolve(goal.reference) if known.object(n).kind == kind],
@@ -141,9 +141,9 @@ class BrokenRule(ExpertRule):
     ) -> tuple[str, ...]:
         """Return those of the slots known from training that apply to this scene.
 
-        In most tasks, the filled slots show which training layout the scene has, and all given slots are returned. If
-        all layouts fill the same slots, the result contains the slots used in the most similar training condition, in
-        the order of the steps of that condition.
+        In most tasks, the training layouts fill different slots, so the filled slots show which layout the scene has.
+        All given slots are then returned. If all layouts fill the same slots, the result contains the slots used in the
+        most similar training condition, in the order of its steps.
 
         Args:
             slots: Slots known from training.
@@ -160,17 +160,15 @@ class BrokenRule(ExpertRule):
         return max(shown, key=lambda one: self._likeness(one[0]))[1]
 
     def _likeness(self, known: Condition) -> int:
-        """Return how many slots hold objects of the same kind in a training condition and initially in this trial."""
+        """Count the slots with the same kind of object in a training condition and at the start of this trial."""
         kinds = {slot: known.object(name).kind for name, slot in known.layout.items()}
         return sum(kinds.get(slot) == self.condition.object(n).kind for n, slot in self.condition.layout.items())
 
     def absent_step(self, state: WorldState) -> str | None:
-        """Return the slot of the next training step if the object for that step is missing in the scene.
+        """Return the slot of the next training step if the object for this step is missing in the scene.
 
-        Otherwise, return None.
-
-        The steps are those of the most similar training condition with the same instruction. The next step is the one
-        after the last finished step, or the first step if none is finished.
+        Otherwise, return None. The steps are those of the most similar training condition with the same instruction.
+        The next step is the one after the last finished step, or the first step if none is finished.
         """
         known = self._same_instruction()
         if known is None:
@@ -182,7 +180,7 @@ class BrokenRule(ExpertRule):
         return next((known.layout[n] for n in known.resolve(steps[number].reference) if n in known.layout), None)
 
     def out_of_order(self, state: WorldState) -> bool:
-        """Return whether a training step is finished although an earlier step, whose object is in the scene, is not."""
+        """Return whether a training step is finished although an earlier step is not, whose object is in the scene."""
         known = self._same_instruction()
         if known is None:
             return False
@@ -231,11 +229,11 @@ class BrokenRule(ExpertRule):
         return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
-        """Return whether an instruction of the task refers to a kind of object."""
+        """Return whether any instruction of the task refers to the given kind of object."""
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
-        """Return all decisions that are right in the current state. Empty if nothing is left to do."""
+        """Return all decisions that are right in the current state. The result is empty if nothing is left to do."""
         options: list[Decision] = []
         for i in open_subgoals(state, self.condition):
             goal = self.goals[i]
@@ -276,9 +274,9 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Return whether training brought objects of this kind to targets of this kind.
+        """Return whether objects of this kind were brought to targets of this kind in training.
 
-        The decision then looks like a habit.
+        If so, the decision looks like a habit.
         """
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

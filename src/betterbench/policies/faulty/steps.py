@@ -1,4 +1,7 @@
-"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence``, ``zoo:habit-place``: policies that move well but plan wrongly."""
+"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: policies that choose wrong steps.
+
+Their motions are as good as the expert's.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ class Reorder(BrokenRule):
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
         """Return the label of a wrong decision.
 
-        It is behavioral_inertia if most demonstrations began with the later step.
+        The label is ``behavioral_inertia`` if most demonstrations began with the later step.
         """
         label = super()._label_of(state, history, decision)
         if label == self.label and isinstance(decision, Bring):
@@ -76,7 +79,7 @@ class Repeat(BrokenRule):
 
 
 class Sequence(BrokenRule):
-    """Rule that, after the first step, executes the step that followed it in training, even if it was not requested."""
+    """Rule that executes, after the first step, the step that came next in training, even if it was not requested."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -111,7 +114,7 @@ class Sequence(BrokenRule):
 
 
 class HabitPlace(BrokenRule):
-    """Rule that brings each right object once, but to the target that training used for objects of its kind."""
+    """Rule that brings each right object once, but to the target that objects of its kind have in training."""
 
     label = Label.BEHAVIORAL_INERTIA
 
@@ -131,9 +134,9 @@ class HabitPlace(BrokenRule):
         return right
 
     def _habits(self, state: WorldState, index: int) -> list[tuple[str, str, str]]:
-        """Return the targets to which training brought objects like that of a subgoal, each with relation and region.
+        """Return the targets that objects like that of a subgoal have in training, each with relation and region.
 
-        The list is empty if the target of the subgoal itself was used in training.
+        The list is empty if the target of the subgoal itself occurred in training.
         """
         kinds = {state.info.object(n).kind for n in self.condition.resolve(self.goals[index].reference)}
         found = []

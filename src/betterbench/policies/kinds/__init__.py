@@ -2,8 +2,8 @@
 
 A file that is added to this folder is found automatically. ``kind`` contains the registry. ``privileged`` contains the
 code shared by built-in policies that read the simulator state, and ``remote`` the code shared by policies on servers. A
-file imports simulators and server libraries only when a policy is created, because every process that uses any policy
-imports all kinds.
+file imports simulators and server libraries only when a policy is created, because each process that uses a policy
+imports the files of all kinds.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Policy kind ``expert``: a policy that reads the simulator state, plans, and follows the instruction."""
+"""Policy kind ``expert``: a policy that follows the instruction by planning with the simulator state."""
 
 from betterbench.policies.experts.address import EXPERT_FORM
 from betterbench.policies.kinds.privileged import register_privileged

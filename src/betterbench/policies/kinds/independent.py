@@ -1,4 +1,4 @@
-"""Policy kind ``independent``: faulty policies that are in a separate package (betterbench-calibration)."""
+"""Policy kind ``independent``: faulty policies from a separate package (betterbench-calibration)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
 
 def _family(address: str) -> ModuleType:
-    """Return the module with the registry of these policies.
+    """Return the module with the registry of independent faulty policies.
 
-    If the package is missing, raise an error that contains the command to install it.
+    If its package is not installed, raise an error that contains the command to install the package.
     """
     from betterbench.installation import calibration_module
 

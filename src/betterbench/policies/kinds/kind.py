@@ -42,13 +42,13 @@ class PolicyNeeds:
     """Resources that a policy needs from the run.
 
     Attributes:
-        state: Whether the policy needs the privileged state instead of observations. It is then created for the scene
+        state: Whether the policy needs the privileged state instead of observations. If so, it is created for the scene
             of each episode.
-        trial: Whether the policy needs to know the trial. It is then created for each episode.
+        trial: Whether the policy needs to know the trial. If so, it is created for each episode.
         thread: Whether the policy needs a thread that waits for answers while other trials are simulated. Built-in
-            policies answer immediately and need none.
-        process: Whether the policy needs a separate process. Code of users does, so that a crash affects at most its
-            own trial.
+            policies answer immediately, so they need no thread.
+        process: Whether the policy needs a separate process. Policies written by users do, so that a crash affects at
+            most one trial.
         server: Whether the policy needs a running server, which the user has started.
     """
 
@@ -83,7 +83,10 @@ STATE = PolicyNeeds(state=True)
 
 @dataclass(frozen=True, slots=True)
 class PolicyEntry:
-    """Row of ``better list policies``. A privileged policy gets the simulator state instead of observations."""
+    """Row in the table of ``better list policies``.
+
+    A privileged policy gets the simulator state instead of observations.
+    """
 
     address: str
     summary: str
@@ -108,31 +111,32 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 class PolicyKind:
     """Kind of policies, with the format of their addresses, their needs, and the functions that create them.
 
-    The functions get an address that :attr:`read` has checked. If they fail, they raise a BetterError.
+    The functions are called with an address that :attr:`read` has checked. If they fail, they raise a BetterError.
 
     Attributes:
         form: Format of the addresses, including the options.
         shown: Address shown by ``better list policies``, with placeholders ("openpi://HOST:PORT").
         summary: Description of the policies in one sentence.
         needs: Resources that the policies need, or a function that returns them for an address.
-        make: Function that creates a policy that gets observations and runs one episode after the other.
-        make_for: Function that creates a policy for one episode in a scene. Its trial argument is None outside a run.
-        named: Function that returns a description of each policy by address, if the kind has a fixed list of policies.
-            Otherwise None.
-        read: Function that parses an address for a simulated world ("libero"; empty for betterbench's own scenes). By
-            default, ``form`` parses the address.
-        describe: Function that returns the description of a policy, or None if the policy must be created to know it.
+        make: Function that creates a policy. The policy uses observations and runs one episode after the other.
+        make_for: Function that creates a policy for one episode in a scene. Its argument for the trial is None outside
+            a run.
+        named: Function that returns a description of each policy, by address. None unless the kind has a fixed list of
+            policies.
+        read: Function that parses an address for use in a benchmark ("libero", or empty for betterbench's own scenes).
+            By default, ``form`` parses the address.
+        describe: Function that returns the description of a policy. None if the policy must be created to know its
+            description.
         compares: Whether the policies have a method ``check`` that compares their conventions with those of the run.
-        source_of: Function that returns the name and SHA-256 of the user's file that contains a policy. They are
+        source_of: Function that returns the name and SHA-256 of the user's file that contains a policy. Both are
             compared when a run is resumed.
-        risk: What evaluating an address of this kind can do, with ``{target}``. The user must accept the risk with
-            ``--trust``.
-        require_world: Function that raises InvalidInputError if a policy cannot act in another simulated world
-            ("LIBERO").
-        space_in_world: Function that returns the action space of a policy in the world of its address, or None if it is
-            not fixed.
-        spaces: Action spaces that the policies support and from which the run chooses. Empty if each policy has a fixed
-            action space.
+        risk: Description of the risk of evaluating a policy of this kind, in which ``{target}`` stands for the target
+            of the address. The user must accept the risk with ``--trust``.
+        require_world: Function that raises InvalidInputError if a policy cannot act in the given benchmark ("LIBERO").
+        space_in_world: Function that returns the action space that a policy uses in the benchmark for which its address
+            was parsed. It returns None if the action space is not fixed.
+        spaces: Action spaces from which the run can choose, because the policies support all of them. Empty if each
+            policy has a fixed action space.
     """
 
     form: AddressForm
@@ -159,7 +163,7 @@ class PolicyKind:
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
         """Parse an address of this kind.
 
-        ``world`` names the benchmark whose conventions are used, such as "libero". It is empty for betterbench's own
+        ``world`` names the benchmark whose conventions apply, such as "libero". It is empty for betterbench's own
         scenes.
 
         Raises:
@@ -219,9 +223,9 @@ def kind_of(address: str) -> PolicyKind:
 
 
 def unknown_policy(address: str) -> InvalidInputError | UnknownNameError:
-    """Create the error for an address that no policy has.
+    """Create the error for an address that belongs to no policy.
 
-    It suggests the prefix of a Python file, or the closest names.
+    The error suggests the prefix for a Python file, or the closest names.
     """
     scheme, colon, _ = address.partition("?")[0].partition(":")
     if scheme.endswith(".py"):
@@ -256,8 +260,7 @@ def needs_of(address: str) -> PolicyNeeds:
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
     """Parse a policy address.
 
-    ``world`` names the benchmark whose conventions are used, such as "libero". It is empty for betterbench's own
-    scenes.
+    ``world`` names the benchmark whose conventions apply, such as "libero". It is empty for betterbench's own scenes.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -269,8 +272,7 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 def make_policy(address: str, *, world: str = "") -> Policy:
     """Create a policy that uses observations.
 
-    ``world`` names the benchmark whose conventions are used, such as "libero". It is empty for betterbench's own
-    scenes.
+    ``world`` names the benchmark whose conventions apply, such as "libero". It is empty for betterbench's own scenes.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -292,7 +294,7 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
     Raises:
         UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range, if a checkpoint or a record is missing, or if the policy does
-            not work in the simulated world of the scene.
+            not work in the benchmark to which the scene belongs.
         MissingDependencyError: If an extra or a separate package is not installed.
     """
     kind = kind_of(address)
@@ -300,7 +302,7 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
     if kind.make_for is None:
         raise read.error(
             "this policy is created once for many episodes, not for each episode",
-            "Create it with make_policy and give it observations",
+            "Create it with make_policy, and pass it observations",
         )
     return kind.make_for(read, scene, trial)
 
@@ -310,6 +312,6 @@ def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
     made = make_for(address, scene)
     if not needs_of(address).state:
         raise read_address(address).error(
-            "this policy uses observations, not the privileged state", "Give it observations"
+            "this policy uses observations, not the privileged state", "Pass it observations"
         )
     return cast("PrivilegedPolicy", made)

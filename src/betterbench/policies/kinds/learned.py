@@ -1,6 +1,6 @@
 """Policy kind ``learned``: learners trained by ``better train``.
 
-They use the privileged state or, in the family ``pixels``, observations.
+Learners of the family ``pixels`` use observations. All others use the privileged state.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class Noop:
         self._still: np.ndarray | None = None
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in an action space."""
+        """Begin an episode that uses the given action space."""
         self._space, self._still = action_space(start.action_space or EE_DELTA.name), None
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -45,7 +45,8 @@ class Noop:
 def still_action(space: ActionSpace, observation: Observation) -> np.ndarray:
     """Return the action (dim,) that keeps a robot at its measured position.
 
-    The gripper is commanded to open. In an action space that sets the opening width, it keeps its measured width.
+    The gripper is commanded to open. In an action space that sets the opening width, the gripper keeps its measured
+    width instead.
     """
     from betterbench.policies.conventions.proprioception import motor_positions
 

@@ -55,7 +55,7 @@ def describe_privileged(address: PolicyAddress) -> PolicyInfo:
 
 
 def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
-    """Return the scene if it is one of betterbench's own scenes. Raises InvalidInputError otherwise."""
+    """Return the scene if it is one of betterbench's own scenes. Otherwise, raise InvalidInputError."""
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):
@@ -64,14 +64,14 @@ def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
 
 
 def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tuple[str, ...] = ()) -> InvalidInputError:
-    """Create the error for a policy that cannot act in a simulated world other than betterbench's own.
+    """Create the error for a policy that cannot act in other benchmarks than betterbench.
 
     Args:
         address: Address of the policy.
-        needs: What the policy uses of betterbench's scenes, as the predicate of a sentence ("uses the privileged
+        needs: Predicate of a sentence that says why the policy needs betterbench's scenes ("uses the privileged
             state").
-        world: Name of the simulated world as shown in messages.
-        known: Policies that do work in this world.
+        world: Name of the benchmark, as shown in messages.
+        known: Policies that do work in this benchmark.
     """
     return InvalidInputError(
         "--policy",

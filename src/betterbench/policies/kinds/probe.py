@@ -1,4 +1,4 @@
-"""Policy kind ``probe``: privileged policies that act without the instruction, without the images, or without both."""
+"""Policy kind ``probe``: privileged policies that ignore the instruction, the images, or both."""
 
 from betterbench.policies.experts.address import PROBE_FORM
 from betterbench.policies.kinds.privileged import register_privileged

@@ -26,7 +26,7 @@ from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 def load_plugin(address: str) -> Policy:
     """Create an instance of a user's class.
 
-    The address is "module:Class" or "file.py:Class". Arguments for the class follow as in a URL
+    The address is "module:Class" or "file.py:Class". Arguments for the class follow in the same format as in a URL
     ("?checkpoint=a/b&k=8"). A value that is valid JSON (8, 0.5, true, null, "8") is parsed as JSON. Any other value is
     passed as a string.
 
@@ -49,7 +49,7 @@ def load_plugin(address: str) -> Policy:
 def source_of(address: str) -> str:
     """Return the name and SHA-256 of the file from which this process loaded a plugin.
 
-    The string is empty if the plugin was not loaded from a file.
+    Return an empty string if the plugin was not loaded from a file.
     """
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
@@ -134,7 +134,9 @@ def _load_module(name: str) -> ModuleType:
 def _load_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"betterbench_plugin_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise InvalidInputError(f"policy python:{path}", "the file does not exist", "Give an existing Python file")
+        raise InvalidInputError(
+            f"policy python:{path}", "the file does not exist", "Use the path of an existing Python file"
+        )
     folder = str(path.resolve().parent)
     if folder not in sys.path:
         sys.path.insert(0, folder)  # as Python does for a script, so that the file can import modules in its folder
@@ -157,7 +159,10 @@ def _rest(text: str) -> str:
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    """Parse an address whose options are arguments for the user's class, which checks them when it is instantiated."""
+    """Parse an address whose options are arguments of the user's class.
+
+    The class checks them when it is instantiated.
+    """
     _parts(_rest(text))
     return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
 
