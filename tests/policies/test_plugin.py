@@ -118,7 +118,7 @@ def test_hostile_and_broken_addresses_give_one_clear_error(address):
 def test_a_file_that_cannot_be_loaded_is_named(tmp_path, source):
     file = tmp_path / "broken.py"
     file.write_text(source, encoding="utf-8")
-    with pytest.raises(InvalidInputError, match=r"broken\.py: it cannot be loaded"):
+    with pytest.raises(InvalidInputError, match=r"broken\.py: the file cannot be loaded"):
         load_plugin(f"{file}:Mine")
 
 

@@ -139,7 +139,7 @@ def test_a_key_is_asked_for():
 
 
 def test_a_port_in_use_is_one_clear_line(server):
-    with pytest.raises(InvalidInputError, match=rf"--port: {server.port} is in use on 127.0.0.1\. Give another port"):
+    with pytest.raises(InvalidInputError, match=rf"--port: {server.port} is in use on 127.0.0.1\. Use another port"):
         PolicyServer(Echo, metadata={}, port=server.port)
 
 

@@ -108,7 +108,7 @@ def follow(world, address):
 def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
     message = refusal("libero", f"openpi://127.0.0.1:9?preset={preset}")
     assert f"the preset {preset} converts betterbench's own scenes" in message
-    assert message.endswith(f"Give preset={layout}.")
+    assert message.endswith(f"Use preset={layout}.")
     assert refusal("libero", f"openpi://127.0.0.1:9?preset={layout}") == ""
 
 

@@ -146,7 +146,7 @@ def _load_file(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         raise InvalidInputError(
-            f"policy python:{path}", f"it cannot be loaded: {described(error)}", "Correct the file"
+            f"policy python:{path}", f"the file cannot be loaded: {described(error)}", "Correct the error in the file"
         ) from error
     return module
 

@@ -1,4 +1,4 @@
-"""Policy kind ``random``: a random walk, to measure the success rate of random actions."""
+"""Policy kind ``random``: a random walk. It shows what success rate random actions reach."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Random:
-    """Policy that performs a seeded random walk. The velocity is random, so that the robot covers some distance.
+    """Policy that performs a random walk with a seed. Its velocity is random, so the robot covers some distance.
 
     In an action space of absolute joint angles, the walk starts at the measured angles and moves each joint by at most
     :data:`~betterbench.interface.actions.JOINT_STEP_PER_UNIT_RAD` per step.

@@ -1,4 +1,4 @@
-"""Code shared by the policy kinds that connect to a server or load a checkpoint, and that use a preset for it."""
+"""Code shared by the policy kinds that connect to a server or load a checkpoint. These kinds use presets."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def register_server(
 
     Args:
         scheme: Scheme of the addresses.
-        summary: Description of the servers in one sentence.
+        summary: Description of this kind of server in one sentence.
         transport: Transport protocol of the servers.
         port: Default port.
-        connect: Function that returns a connected client after the handshake. It gets an address, and a seed for the
-            random part of the pauses between attempts.
+        connect: Function that connects to a server and, after the handshake, returns the client. Its arguments are an
+            address and a seed for the random part of the pauses between attempts.
         usual: Default preset. Empty if the address must name a preset.
-        options: Options that only this kind has.
-        constants: Whether an address may add constants to each request.
+        options: Options that only this policy kind has.
+        constants: Whether options of an address may add constants to each request.
         shown: Address as shown in lists. By default, scheme, host and port are shown.
     """
     form = AddressForm(
@@ -87,9 +87,9 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space that a policy has in the benchmark in which its address is used.
+    """Return the action space that a policy has in the benchmark for which its address was parsed.
 
-    Returns None if the address does not determine it. ``usual`` is the default preset. Raises the errors of
+    Return None if the address does not determine it. ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.
     """
     from betterbench.policies.conventions.presets import adapter_of, preset
@@ -110,7 +110,7 @@ def require_own_layout(address: PolicyAddress, world: str) -> None:
             "--policy",
             f"the preset {named} converts betterbench's own scenes to LIBERO's conventions, but this run uses "
             f"{world}'s own scenes",
-            f"Give preset={UNTRANSLATED[named]}"
+            f"Use preset={UNTRANSLATED[named]}"
             if world == "LIBERO"
-            else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",
+            else f"Use preset=NAME ({', '.join(CALVIN_PRESETS)})",
         )

@@ -17,16 +17,19 @@ if TYPE_CHECKING:
 
 
 class Replay:
-    """Replay of the actions of a record from another run.
+    """Policy that replays the actions of a record from another run.
 
-    The record has the same seed and, if possible, the same condition.
-
-    If the other run has no such record, the record of the training twin is replayed (the training trial with the same
-    seed). After the last recorded action, the robot stays still.
+    The record has the same seed as the current trial and, if possible, the same condition. If the other run has no such
+    record, the record of the training twin is replayed (the training trial with the same seed). After the last recorded
+    action, the robot stays still.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
-        """Load the actions. Raises InvalidInputError if the run has neither record, or if no folder is given."""
+        """Load the recorded actions.
+
+        Raises InvalidInputError if the run contains neither a record of the trial nor one of its training twin, or if
+        no run folder is given.
+        """
         from betterbench.records import RunFolder
 
         if not folder:
@@ -45,12 +48,12 @@ class Replay:
             raise InvalidInputError(
                 f"policy replay:{folder}",
                 f"the run has no record of {task} with condition {condition} or {base} and seed {seed}",
-                "Evaluate a policy with that seed in that run first",
+                "First evaluate a policy with this seed in that run",
             )
         self.info = PolicyInfo(f"replay:{folder}", action_space=self._space, needs_images=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Go back to the first action.
+        """Begin the replay with the first action.
 
         Raises InvalidInputError if the record uses a different action space than the run.
         """
@@ -64,10 +67,7 @@ class Replay:
             )
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the recorded action for this step.
-
-        After the last recorded action, return an action that keeps the robot still.
-        """
+        """Return the recorded action for this step. After the last one, return an action that keeps the robot still."""
         actions = self._actions
         if actions is None:
             raise AssertionError("unreachable: the constructor loads the actions")
@@ -92,7 +92,7 @@ def _read(text: str, world: str) -> PolicyAddress:
 
 
 def _describe(address: PolicyAddress) -> PolicyInfo:
-    """Return what is known about the policy before a trial.
+    """Return the description of a replay policy, as far as it is known before a trial.
 
     The action space is left empty, since it depends on the record.
     """

@@ -39,11 +39,11 @@ class Trained:
 
     Attributes:
         recipe: Training recipe.
-        vocabulary: Words and categories that the learner knows.
+        vocabulary: Words, categories and colors that the learner knows.
         step: Number of training steps so far.
-        data: SHA-256 over the records used as training data.
+        data: SHA-256 of all records that were used as training data.
         action_space: Action space in which the learner returns actions.
-        code: Identification of the code that defines the learner's family, from
+        code: Hash or name that identifies the code of the learner's family, from
             :func:`~betterbench.tasks.user_files.code_of`. None for a built-in family.
     """
 
@@ -63,9 +63,9 @@ class Trained:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors and metadata to a file that survives a power failure. Equal arguments give equal bytes.
+    """Write tensors and metadata to a file and flush it to the disk. Equal arguments give equal bytes.
 
-    Raises StorageError if the disk is full. An existing file is then kept.
+    Raises StorageError if the disk is full. In this case, an existing file is kept.
     """
     held = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
     # There is a single metadata entry, because the order of several entries would differ between processes.
@@ -77,7 +77,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str,
 def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Return the tensors and metadata of a file. Raises InvalidInputError if any byte of the file has changed.
 
-    Files of earlier versions have a digest of the tensors only. This is reported once with a warning.
+    In files of earlier versions, the digest covers only the tensors. A warning reports this once.
     """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
@@ -99,12 +99,12 @@ def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], d
 
 
 def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained) -> None:
-    """Write the weights of a learner and their metadata with :func:`write_tensors`."""
+    """Write the weights and the metadata of a learner to a file. See :func:`write_tensors`."""
     write_tensors(path, weights, trained.to_json())
 
 
 def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
-    """Return the network of a checkpoint, in evaluation mode, and the metadata of the checkpoint.
+    """Load a checkpoint. Return its network, in evaluation mode, and its metadata.
 
     Raises InvalidInputError if the file is missing or damaged, or if the weights do not match the recipe.
     """
@@ -113,7 +113,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     trained = _trained(about, str(path))
     if trained.action_space != ACTION_SPACE:
         problem = f"its action space is {trained.action_space!r}"
-        raise InvalidInputError(str(path), problem, f"Learners must use {ACTION_SPACE}")
+        raise InvalidInputError(str(path), problem, f"Train the learner with the action space {ACTION_SPACE}")
     if trained.recipe.built_in:
         _require_possible(trained, weights, str(path))
     with torch.random.fork_rng(devices=[]):
@@ -128,13 +128,15 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
 
 
 def checkpoint_file(place: str) -> Path:
-    """Return the file of the initial checkpoint that a recipe names, either as a file or as a folder.
+    """Return the path of the initial checkpoint in a training recipe, which may name a file or a folder.
 
-    Raises InvalidInputError if there is no checkpoint.
+    Raises InvalidInputError if there is no checkpoint at that place.
     """
     path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
     if not path.is_file():
-        raise InvalidInputError(f"start: {place}", "contains no checkpoint", "Give a folder written by better train")
+        raise InvalidInputError(
+            f"start: {place}", "this place contains no checkpoint", "Use a folder written by better train"
+        )
     return path
 
 
@@ -151,10 +153,11 @@ def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
 
 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
-    """Raise an error, before the network is created, if the metadata require more weights than the file contains.
+    """Check, before the network is created, that the file contains as many weights as its metadata require.
 
     A transformer layer has 12 matrices of size width x width (queries, keys, values, their output map, and two maps of
-    size 4 width x width). Each word of the vocabulary has one row of length width.
+    size 4 width x width). Each word of the vocabulary has one row of length width. If there are too few weights, an
+    error is raised.
     """
     size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
     claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width
@@ -168,7 +171,7 @@ def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
     if there != wanted:
         names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
         problem = f"its weights do not match its recipe ({names[0]} differs)"
-        raise InvalidInputError(where, problem, "Use the recipe and the data with which it was trained")
+        raise InvalidInputError(where, problem, "Use the recipe and the data with which the learner was trained")
 
 
 def _trained(about: Mapping[str, Any], where: str) -> Trained:
@@ -185,7 +188,7 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
 
 
 def require_code(about: Mapping[str, Any], where: str) -> None:
-    """Raise an error if the code that defines a learner's family has changed since training.
+    """Raise an error if the code of a learner's family has changed since the learner was trained.
 
     A family whose name is unknown is rejected later, when the recipe is read.
     """
@@ -204,7 +207,7 @@ def _seal(about: Mapping[str, Any], weights: str) -> str:
 
 
 def _digest(tensors: Mapping[str, Tensor]) -> str:
-    """Return the SHA-256 over the names, types, shapes and bytes of tensors."""
+    """Return the SHA-256 of the names, types, shapes and bytes of tensors."""
     whole = hashlib.sha256()
     for name, tensor in sorted(tensors.items()):
         whole.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}\n".encode())

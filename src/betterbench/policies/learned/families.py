@@ -1,6 +1,6 @@
-"""Families of learners, with their inputs, sizes and freezable parts. A user's file can add a family.
+"""Families of learners, with their inputs, sizes and the parts of the network that can be frozen.
 
-This module does not import torch. :mod:`networks` creates the network of a family.
+A user's file can add a family. This module does not import torch. :mod:`networks` creates the network of a family.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ class Capacity:
             raise InvalidInputError(
                 "width",
                 f"{self.width} is not divisible by {self.heads} heads",
-                "Give a multiple of the number of heads",
+                "Use a multiple of the number of heads",
             )
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Family of learners.
+    """Family of learners, which have the same kind of input and network.
 
     Attributes:
         name: Name of the family in recipes.
         sees: Input of the learners.
-        capacities: Sizes ``small``, ``base`` and ``large``.
+        capacities: Size of the transformer for each of the names ``small``, ``base`` and ``large``.
         parts: Parts of the network that recipes may freeze.
         options: Options that only this family has and that recipes may set, with their defaults.
         make: Function that creates the network from a recipe and a vocabulary, or None for a built-in family.
@@ -94,16 +94,16 @@ def learner(
 ) -> Callable[[MakerT], MakerT]:
     """Register a network class as a family of learners. The decorator may be used in any file that is imported.
 
-    The decorated class is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
+    The decorated class must be a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
 
     Args:
-        name: Name of the family, which recipes give in their field ``family``.
+        name: Name of the family, which recipes contain in the field ``family``.
         sees: Input of the learner: ``objects``, or ``pixels`` for the images that the recipe selects with ``eyes``.
-        capacities: Sizes ``small``, ``base`` and ``large``. By default, those of the built-in family with the same
-            input.
+        capacities: Size of the transformer for each of the names ``small``, ``base`` and ``large``. By default, the
+            sizes of the built-in family with the same input.
         parts: Names of modules of the network that recipes may freeze. The head can always be frozen.
-        options: Options that recipes may set in their field ``options``, with default values. The defaults also define
-            the types.
+        options: Options that recipes may set in the field ``options``, with their default values. The type of an option
+            is that of its default value.
 
     Raises:
         InvalidInputError: If the name is already used, or an argument is missing or invalid.
@@ -117,7 +117,7 @@ def learner(
             raise InvalidInputError(where, *wrong)
         made = registered("family", name, make, _FAMILIES)
         if name in _FAMILIES and made is not make:
-            raise InvalidInputError(where, "the name is defined twice", "Rename one of the two")
+            raise InvalidInputError(where, "the name is defined twice", "Rename one of the two families")
         if name in _FAMILIES and _FAMILIES[name].make is None:
             raise InvalidInputError(where, "this is the name of a built-in family", "Choose another name")
         _FAMILIES[name] = Family(name, sees, dict(sizes or {}), (*parts, _HEAD), dict(options or {}), made)
@@ -127,7 +127,7 @@ def learner(
 
 
 def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
-    """Yield the mistakes in a registration made by a user's file, each with a remedy."""
+    """Yield the mistakes in the registration of a family by a user's file, each with a remedy."""
     if not isinstance(name, str) or not name or sees not in _SEES:
         yield (
             f"expected a name and sees='objects' or 'pixels', got {name!r} and {sees!r}",
@@ -152,7 +152,10 @@ def _listed(given: object) -> str:
 
 
 def learner_family(name: str) -> Family:
-    """Return the family with a name. Raises UnknownNameError if neither betterbench nor a user's file defines it."""
+    """Return the family with the given name.
+
+    Raises UnknownNameError if neither betterbench nor a user's file defines it.
+    """
     load_declared()
     if name not in _FAMILIES:
         raise UnknownNameError("family", name, _FAMILIES)

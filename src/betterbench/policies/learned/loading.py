@@ -1,4 +1,4 @@
-"""Loading of the checkpoint in an address (``learned:CHECKPOINT?execute=4``), and of the policy that uses it."""
+"""Loading of the checkpoint that a policy address names (``learned:CHECKPOINT?execute=4``) and of the policy."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _MOST_HEADER = 1 << 24
 def is_seeing(address: PolicyAddress) -> bool:
     """Return whether the learner at an address uses observations, as learners of the family ``pixels`` do.
 
-    Returns False if the checkpoint is missing, damaged or of an unknown family. Loading the checkpoint then raises an
-    error.
+    The result is also False if the checkpoint is missing, damaged or of an unknown family. Loading such a checkpoint
+    raises an error later.
     """
     path = checkpoint_of(address)
     try:
@@ -68,9 +68,9 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon, which the address or else the recipe gives.
+    """Return the execution horizon. The address determines it or, without such an option, the training recipe.
 
-    Raises InvalidInputError if a chunk has fewer actions.
+    Raises InvalidInputError if a chunk has fewer actions than the execution horizon.
     """
     recipe, given = learner.trained.recipe, address.options.get("execute")
     if given is None:
@@ -78,13 +78,13 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
     if not given.isdecimal() or not 1 <= int(given[:9]) <= recipe.chunk:
         raise address.error(
             f"execute={given} is out of range",
-            f"Give a number from 1 to {recipe.chunk}, the number of actions per chunk",
+            f"Use a number from 1 to {recipe.chunk}, which is the number of actions per chunk",
         )
     return int(given)
 
 
 def checkpoint_of(address: PolicyAddress) -> Path:
-    """Return the path of the checkpoint that an address names, either as a file or by its folder."""
+    """Return the path of the checkpoint file. The address may name the file or its folder."""
     try:
         path = Path(address.target).expanduser()
     except RuntimeError as error:
@@ -108,7 +108,7 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
 
 
 def load_learner(address: PolicyAddress) -> Learner:
-    """Return the learner of a checkpoint. It stays in the memory of this process until the file changes.
+    """Return the learner of a checkpoint. The learner is kept in memory until the file changes.
 
     Raises the errors of :func:`learned_info`.
     """
@@ -118,7 +118,7 @@ def load_learner(address: PolicyAddress) -> Learner:
         found = path.stat()
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
-        raise InvalidInputError(str(path), problem, "Give a folder written by better train") from error
+        raise InvalidInputError(str(path), problem, "Use a folder written by better train") from error
     return _loaded(path.absolute(), found.st_mtime_ns, found.st_size)
 
 
@@ -133,7 +133,7 @@ def _loaded(path: Path, changed_ns: int, size: int) -> Learner:
 def require_torch(what: str) -> None:
     """Raise MissingDependencyError if torch or safetensors is not installed.
 
-    ``what`` names the feature that needs them, for the message.
+    ``what`` is the name of the feature that needs them, which the error message contains.
     """
     try:
         import safetensors.torch  # noqa: F401, PLC0415

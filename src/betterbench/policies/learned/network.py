@@ -1,4 +1,4 @@
-"""Networks of learners: the base class, the transformer of both built-in families, and the network for ``objects``."""
+"""Networks of learners: the base class, the transformer of the built-in families, and the network of ``objects``."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _Memory = tuple[Tensor, Tensor]
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """Inputs of a batch of B samples that all families have in common.
+    """Inputs for a batch of B samples that all families of learners have in common.
 
     Attributes:
-        words: (B, w) int64 indices of the words of the instruction, with w at most MOST_WORDS.
-        tools: (B, history, 10) float32 states of the tool, the present state first.
-        blind: (B,) bool, True for samples without tool states, or None if all samples have them.
+        words: (B, w) int64 indices of the words of each instruction, with w at most MOST_WORDS.
+        tools: (B, history, 10) float32 states of the tool, of which the present state comes first.
+        blind: (B,) bool, True for samples from which the tool states are removed. None if no sample lacks them.
     """
 
     words: Tensor
@@ -51,7 +51,7 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """Inputs of a batch in the ``objects`` family, with at most n objects per sample.
+    """Inputs for a batch of learners in the ``objects`` family, with at most n objects per sample.
 
     Attributes:
         poses: (B, n, 9) float32 poses of the objects.
@@ -68,10 +68,10 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch with their answers.
+    """Batch of questions with the correct answers.
 
     Attributes:
-        shown: Inputs, in which the question takes the place of the instruction.
+        shown: Inputs of the batch. The words of the question take the place of the instruction.
         answers: (B,) int64 indices of the correct answers.
     """
 
@@ -81,12 +81,12 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Encodings of the U distinct instructions in a batch. They do not change during an episode.
+    """Encodings of the U distinct instructions in a batch. They stay the same during an episode.
 
     Attributes:
         words: (U, w, width) tokens of the words.
-        told: (U, w) bool, False for padding.
-        which: (B,) index of the instruction of each sample.
+        told: (U, w) bool, True for words and False for padding.
+        which: (B,) index of the distinct instruction that each sample has.
         memories: Keys and values of the words in each layer, each (U, heads, w, head width).
     """
 
@@ -97,7 +97,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """Transformer layer with a normalization before the attention and before the two linear maps."""
+    """Transformer layer that normalizes its input before the attention and again before the two linear maps."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -108,11 +108,11 @@ class _Block(nn.Module):
         self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
 
     def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
-        """Return the tokens after this layer, and the keys and values that other tokens may attend to.
+        """Return the tokens after this layer, and the keys and values to which other tokens may attend.
 
         Args:
             tokens: (B, n, width) tokens before this layer.
-            seen: (B, 1, 1, m + n) bool attention mask, True for tokens that are attended to.
+            seen: (B, 1, 1, m + n) bool attention mask, True for tokens that may be attended to.
             before: Keys and values of m preceding tokens, each (B, heads, m, head width), or None.
         """
         batch, length, width = tokens.shape
@@ -135,14 +135,14 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 class LearnerNetwork(nn.Module):
     """Base class of learners' networks, which map a batch of inputs to chunks of normalized actions, (B, chunk, 7).
 
-    A family creates its modules in :meth:`build`, and reduces the inputs to one vector per sample in :meth:`summary`.
+    A family creates its modules in :meth:`build` and computes one vector per sample from the inputs in :meth:`summary`.
     The head that maps this vector to actions, the losses, and the answers to questions are the same for all families.
 
     Attributes:
         recipe: Training recipe. ``recipe.size`` is the size of the transformer.
         options: Options of the family.
-        tool_mean, tool_scale: (10,) mean and scale of the tool state in the training data. Similar buffers exist for
-            actions, (7,), and for the inputs that are passed to :meth:`keep_scale`.
+        tool_mean, tool_scale: (10,) mean and scale of the tool state in the training data. There are similar buffers
+            for actions, (7,), and for the inputs that are passed to :meth:`keep_scale`.
     """
 
     tool_mean: Tensor
@@ -157,7 +157,7 @@ class LearnerNetwork(nn.Module):
         taken = sorted(_TAKEN & self._modules.keys())
         if taken:
             problem = f"the module name {taken[0]!r} is reserved, because every learner has it"
-            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Rename it")
+            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Choose another name")
         width = recipe.size.width
         numbers = recipe.chunk * ACTION_NUMBERS
         extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
@@ -171,7 +171,7 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Create the modules of the family, with initial weights drawn from torch's own random generator."""
+        """Create the modules of the family. The initial weights are drawn from torch's global random generator."""
         raise NotImplementedError(f"{type(self).__name__} must implement build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
@@ -186,12 +186,15 @@ class LearnerNetwork(nn.Module):
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
         """Return an encoding of instructions, (B, w) int64, that can be cached during an episode.
 
-        The encoding is passed to every call of :meth:`answer` in the episode. None means that nothing is cached.
+        The encoding is passed to every call of :meth:`answer` in the episode. If the result is None, nothing is cached.
         """
         del words
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters of each part of the network that can be frozen. By default, each module is a part."""
+        """Return the parameters of each part of the network that recipes can freeze.
+
+        By default, each module is a part.
+        """
         found: dict[str, list[nn.Parameter]] = {}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -201,8 +204,9 @@ class LearnerNetwork(nn.Module):
     def keep_scale(self, name: str, count: int) -> None:
         """Store the mean and scale that an input has in the training data as buffers of the network.
 
-        ``name`` is ``tool`` (10 numbers), ``position`` for the positions of objects (3) or ``action`` (7). The buffers
-        of tool and action always exist. Raises InvalidInputError for another name or number.
+        ``name`` is ``tool`` (10 numbers), ``position`` for the positions of objects (3 numbers), or ``action`` (7
+        numbers). The buffers for ``tool`` and ``action`` always exist. Raises InvalidInputError for any other name or
+        count.
         """
         if _SCALES.get(name) != count:
             known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
@@ -212,9 +216,9 @@ class LearnerNetwork(nn.Module):
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return :meth:`summary`.
+        """Call :meth:`summary` and check its result.
 
-        Raises InvalidInputError if a user's learner fails or returns a wrong shape or type.
+        Raises InvalidInputError if a learner defined by a user fails or returns a wrong shape or type.
         """
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
@@ -222,21 +226,24 @@ class LearnerNetwork(nn.Module):
         if not isinstance(found, Tensor) or found.shape != wanted:
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             problem = f"its summary returns {given}, expected (batch, width) = {wanted}"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct summary")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct the method summary")
         if found.dtype != self.action_mean.dtype:
             problem = f"its summary returns {found.dtype}, expected {self.action_mean.dtype}"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert it")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert the result")
         return found
 
     def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return :meth:`answer`. Raises InvalidInputError if a user's learner fails or returns a wrong shape."""
+        """Call :meth:`answer` and check its result.
+
+        Raises InvalidInputError if a learner defined by a user fails or returns a wrong shape.
+        """
         with explaining("family", self.recipe.family):
             found = self.answer(shown, noise, heard)
         wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)
         if not isinstance(found, Tensor) or found.shape != wanted:
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             problem = f"its answer returns {given}, expected (batch, chunk, 7) = {wanted}"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct answer")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct the method answer")
         return found
 
     def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
@@ -245,7 +252,7 @@ class LearnerNetwork(nn.Module):
         Args:
             shown: Inputs of the batch.
             actions: (B, chunk, 7) actions of the demonstrations.
-            counted: (B, chunk) bool, False after the end of a demonstration.
+            counted: (B, chunk) bool, True for actions of the demonstration and False after its end.
         """
         wanted = (actions - self.action_mean) / self.action_scale
         summary = self._gathered(shown)
@@ -266,9 +273,9 @@ class LearnerNetwork(nn.Module):
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step. It is computed here so that several processes share their gradients.
+        """Return the loss of a training step. It is computed in this method so that several processes share gradients.
 
-        The loss of a question is the cross-entropy. Each question has the same weight as each frame with actions.
+        For a question, the loss is the cross-entropy. Each question has the same weight as a frame with actions.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:
@@ -281,7 +288,7 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            noise: (B, chunk, 7) noise from which a flow-matching learner starts.
+            noise: (B, chunk, 7) noise from which a flow-matching learner generates actions.
             heard: Result of :meth:`hear` for the words of the batch, or None if it has not been computed.
         """
         summary = self._gathered(shown, heard)
@@ -305,10 +312,10 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """Transformer over tokens of the words, of the tool states, and of further inputs of a family.
+    """Transformer whose tokens represent the words, the tool states, and the further inputs of a family.
 
-    The built-in families differ only in the encoder that turns their inputs into tokens. The modules that
-    :meth:`open_eyes` creates are parts that a recipe can freeze by name.
+    The built-in families differ only in the encoder that converts their inputs to tokens. A recipe can freeze the
+    modules that :meth:`open_eyes` creates by name.
     """
 
     state: nn.ModuleDict
@@ -340,17 +347,17 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return tokens of the family's inputs, (B, n, width), and a (B, n) bool mask that is True for existing tokens.
+        """Return tokens for the inputs of the family, (B, n, width), and a mask (B, n) that is True for real tokens.
 
         Args:
             shown: Inputs of the batch.
             words: (U, w, width) tokens of the distinct instructions.
-            told: (U, w) bool, False for padding.
-            which: (B,) index of the instruction of each sample.
+            told: (U, w) bool, True for words and False for padding.
+            which: (B,) index of the distinct instruction that each sample has.
         """
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters of each part of the network that can be frozen."""
+        """Return the parameters of each part of the network that recipes can freeze."""
         found: dict[str, list[nn.Parameter]] = {"words": [], "state": [], "trunk": [], "head": []}
         home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
         for name, parameter in self.named_parameters():
@@ -394,10 +401,10 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the tokens of a batch's distinct instructions, the mask of their words, and each sample's index.
+        """Return the tokens of the distinct instructions in a batch, a mask of their words, and an index per sample.
 
-        The index tells which of the distinct instructions a sample has. Words attend only to words, so each distinct
-        instruction is encoded once for all samples.
+        The index says which of the distinct instructions the sample has. Words attend only to words, so each distinct
+        instruction is encoded only once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)
@@ -435,7 +442,7 @@ class ObjectsNetwork(TokenNetwork):
         return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
 
     def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
-        """Return pose and size of each object. If tool states are given, the position relative to the tool is added."""
+        """Return the pose and size of each object. If tool states are given, add the position relative to the tool."""
         positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
         numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
         if self.given:

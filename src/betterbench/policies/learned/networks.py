@@ -16,10 +16,10 @@ _OWN: dict[str, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": Pi
 
 
 def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
-    """Create the network of a recipe, with random weights drawn from torch's own random generator.
+    """Create the network that a recipe describes. The weights are drawn from torch's global random generator.
 
     Raises:
-        InvalidInputError: If a user's file cannot create a usable network.
+        InvalidInputError: If the code in a user's file does not create a usable network.
     """
     network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
     where = f"learner {recipe.family!r}"

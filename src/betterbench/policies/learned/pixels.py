@@ -1,4 +1,4 @@
-"""Network of the ``pixels`` family: a convolutional network with FiLM, whose key points become tokens."""
+"""Network of the ``pixels`` family: a convolutional network with FiLM layers, whose key points become tokens."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _KERNELS, _STRIDES = (5, 3, 3, 3), (2, 2, 2, 1)
 
 @dataclass(slots=True, kw_only=True)
 class PicturesBatch(ShownBatch):
-    """Inputs of a batch in the ``pixels`` family, with V views per sample.
+    """Inputs for a batch of learners in the ``pixels`` family, with V views per sample.
 
     Attributes:
         pictures: (B, V, size, size, 3) uint8 images.
-        light: (B, 2) float32 random changes of contrast and brightness, or None if nothing is changed.
+        light: (B, 2) float32 random changes of contrast and brightness, or None to leave the images unchanged.
     """
 
     pictures: Tensor
@@ -50,8 +50,8 @@ class _Convolutions(nn.Module):
 
         Args:
             pictures: (P, 3, size, size) images in channels-last memory layout.
-            asked: (U, width) encodings of the distinct instructions.
-            which: (P,) index of the instruction of each image.
+            asked: (U, width) encodings of the U distinct instructions.
+            which: (P,) index of the distinct instruction that belongs to each image.
         """
         # The first layer has no normalization: its feature map is the largest, so normalizing it would take most of the
         # time.
@@ -65,7 +65,7 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network of the ``pixels`` family, with one token per view, made from the key points of a convolutional network.
+    """Network of the ``pixels`` family. A convolutional network finds key points in each view, which form one token.
 
     The words of the instruction scale and shift each channel (FiLM, Perez et al. 2018). The output of a channel is the
     mean position under its softmax over the image, together with its peak value (spatial softmax, Levine et al. 2016,
@@ -78,7 +78,7 @@ class PixelsNetwork(TokenNetwork):
         self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per view. No view is masked."""
+        """Return one token per view. All views exist, so the mask is True for every view."""
         if not isinstance(shown, PicturesBatch):
             raise TypeError("PixelsNetwork needs a PicturesBatch")
         batch, views = shown.pictures.shape[:2]
@@ -89,7 +89,10 @@ class PixelsNetwork(TokenNetwork):
         return points.view(batch, views, -1) + self.eyes.view.weight, told.new_ones(batch, views)
 
     def _light(self, shown: PicturesBatch) -> Tensor:
-        """Convert images to floats centered at zero. Random contrast and brightness are applied per sample."""
+        """Convert images to floats centered at zero.
+
+        If requested, change the contrast and brightness of each sample randomly.
+        """
         values = shown.pictures.to(torch.float32).mul_(1.0 / 64.0).sub_(2.0)
         if shown.light is not None:
             contrast, brightness = shown.light[:, :, None, None, None, None].unbind(dim=1)
@@ -98,7 +101,7 @@ class PixelsNetwork(TokenNetwork):
 
 
 def channels_of(width: int) -> tuple[int, int, int, int]:
-    """Return the numbers of channels of the convolutional layers for a token width."""
+    """Return the number of channels of each convolutional layer, given the width of tokens."""
     sixth = max(_GROUPS, width // 6 // _GROUPS * _GROUPS)
     return sixth, 2 * sixth, 4 * sixth, 6 * sixth
 

@@ -1,7 +1,4 @@
-"""Policies that act with the checkpoint of a learner.
-
-They use the state or images, depending on the learner's family.
-"""
+"""Policies that act with the checkpoint of a learner. Depending on the learner's family, they use states or images."""
 
 from __future__ import annotations
 
@@ -33,11 +30,11 @@ KEPT_INSTRUCTIONS = 64
 
 
 class Learner:
-    """Network of a learner in memory, which several episodes share.
+    """Trained network in memory, which several episodes share.
 
     Attributes:
         trained: Metadata of the checkpoint.
-        fingerprint: SHA-256 of the checkpoint's file. Empty during training.
+        fingerprint: SHA-256 of the checkpoint file. Empty during training.
     """
 
     def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
@@ -57,7 +54,7 @@ class Learner:
     def info(self, address: str, *, execute: int) -> PolicyInfo:
         """Return the description of the learner as a policy with the given address.
 
-        ``execute`` is the number of actions that are executed from each chunk.
+        ``execute`` is the number of actions of each chunk that are executed.
         """
         recipe = self.trained.recipe
         about = {
@@ -83,7 +80,7 @@ class Learner:
 
         Args:
             shown: Inputs, as a batch of one sample.
-            seed: Seed of the noise from which a flow-matching learner starts.
+            seed: Seed of the noise from which a flow-matching learner generates actions.
         """
         noise = None
         if self.trained.recipe.loss == "flow":
@@ -98,7 +95,7 @@ class Learner:
         return limited
 
     def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return the encoding of an instruction, which is computed once and then kept."""
+        """Return the encoding of an instruction. It is computed once and then cached."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)
         if heard is None:
@@ -110,18 +107,21 @@ class Learner:
         return heard
 
     def batch(self, values: np.ndarray) -> torch.Tensor:
-        """Return an array as a batch of one sample, on the device of the network."""
+        """Convert an array to a batch of one sample, on the device of the network."""
         return torch.from_numpy(values).unsqueeze(0).to(self._device)
 
 
 class LearnedPolicy:
-    """Policy that acts with an ``objects`` learner in one episode.
+    """Policy that acts with a learner of the family ``objects`` in one episode.
 
     It predicts a new chunk every ``execute`` actions.
     """
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Store the instruction. ``episode`` seeds the noise from which a flow-matching learner starts."""
+        """Store the instruction.
+
+        ``episode`` is the seed of the noise from which a flow-matching learner generates actions.
+        """
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None
@@ -155,7 +155,7 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """Policy that acts with a ``pixels`` learner. It gets observations, like every policy that is evaluated."""
+    """Policy that acts with a learner of the family ``pixels``. Like policies on servers, it gets observations."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
         """Prepare the policy.
@@ -191,16 +191,16 @@ class SeeingPolicy:
         return learner.chunk(shown, _noise_seed(self._episode, observation.step))
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Raise InvalidInputError if a run renders other images than those the learner was trained on."""
+        """Raise InvalidInputError if a run renders other images than those on which the learner was trained."""
         del space, rate_hz
         wanted = self._learner.trained.recipe.eyes.observation
         if observation.name != wanted:
             problem = f"it was trained on the images of {wanted!r}, but the run uses {observation.name!r}"
-            raise InvalidInputError(f"policy {self.info.name}", problem, f"Give --observation {wanted}")
+            raise InvalidInputError(f"policy {self.info.name}", problem, f"Use --observation {wanted}")
 
 
 class _Past(Generic[SeenT]):
-    """Inputs of earlier steps, for a learner whose recipe has a history."""
+    """Inputs from earlier steps, for a learner whose recipe contains a history."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history
@@ -213,9 +213,9 @@ class _Past(Generic[SeenT]):
             self._seen.popitem(last=False)
 
     def before(self, step: int) -> list[SeenT]:
-        """Return the inputs of a step and of the earlier steps in the history.
+        """Return the inputs of a step and of the earlier steps that belong to the history.
 
-        Before the first input, the first is repeated.
+        Before the first step, the input of the first step is repeated.
         """
         wanted = (max(step - k * self._stride, next(iter(self._seen))) for k in range(self._history))
         return [self._seen[max(s for s in self._seen if s <= asked)] for asked in wanted]

@@ -56,9 +56,9 @@ class Augmentation:
 
     Attributes:
         object_noise_m: Standard deviation of the noise added to the position of each object [m].
-        shift_m: Half the side length of the square in which the tool and all objects are shifted together [m].
-        shift_px: Largest shift of an image along each axis [pixel]. The border is filled with the edge pixels, as with
-            padding and a random crop.
+        shift_m: Maximum shift along x and y, by which the tool and all objects are moved together [m].
+        shift_px: Maximum shift of an image along each axis [pixel]. The uncovered border is filled with the edge
+            pixels. This is equivalent to padding followed by a random crop.
         light: Standard deviation of random changes to the contrast and brightness of images, as a fraction of the full
             range.
     """
@@ -72,7 +72,7 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input of a learner in the ``pixels`` family: the image of a camera or a part of it.
+    """Image input of a learner in the ``pixels`` family, which is the image of a camera or a part of this image.
 
     Attributes:
         camera: Name of the camera.
@@ -84,11 +84,11 @@ class View:
     window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
 
     def __post_init__(self) -> None:
-        """Raise an error if the window is empty or too small."""
+        """Raise an error if the window, which is the part of the image to use, is empty or too small."""
         left, top, right, bottom = self.window
         if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
             problem = f"{list(self.window)} is empty or too small"
-            raise InvalidInputError("window", problem, "Give left, top, right, bottom from 0 to 1")
+            raise InvalidInputError("window", problem, "Write the window as left, top, right, bottom, each from 0 to 1")
 
 
 @strict_form
@@ -97,9 +97,9 @@ class Eyes:
     """Image inputs of a learner in the ``pixels`` family.
 
     Attributes:
-        observation: Name of the observation preset with the cameras. Evaluation must use the same preset.
-        views: Images, each given as the name of a camera or as a camera with a window.
-        size: Side length of each image as the network gets it [pixel].
+        observation: Name of the observation preset that contains the cameras. Evaluation must use the same preset.
+        views: Image inputs. Each is given as the name of a camera, or as a camera with a window.
+        size: Side length of each image when it enters the network [pixel].
         quality: Rendering quality of the training images.
     """
 
@@ -109,15 +109,17 @@ class Eyes:
     quality: Literal["fast", "standard", "high"] = "standard"
 
     def __post_init__(self) -> None:
-        """Raise an error if the observation does not contain one of the cameras."""
+        """Raise an error if the observation preset does not contain one of the cameras."""
         try:
             observation_spec(self.observation).only(self.cameras)
         except UnknownNameError as error:
-            raise InvalidInputError("eyes", str(error).rstrip("."), "Give cameras of an observation preset") from error
+            raise InvalidInputError(
+                "eyes", str(error).rstrip("."), "Use cameras that the observation preset contains"
+            ) from error
 
     @property
     def windows(self) -> tuple[View, ...]:
-        """All images, each as a camera with a window."""
+        """All image inputs, each as a camera with a window."""
         return tuple(View(view) if isinstance(view, str) else view for view in self.views)
 
     @property
@@ -133,8 +135,8 @@ class CoTraining:
 
     Attributes:
         sets: Folders written by ``better vqa``, with questions about the training demonstrations.
-        weight: Number of questions per frame with actions. The paper samples actions with weight 8.0 and each of four
-            sets of texts with weight 0.5 (appendix A.2), which gives 0.25.
+        weight: Number of questions per frame with actions. In the paper, actions are sampled with weight 8.0 and each
+            of four sets of texts with weight 0.5 (appendix A.2), which corresponds to 0.25.
     """
 
     sets: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -148,26 +150,28 @@ class TrainingRecipe:
 
     Attributes:
         data: Folders written by ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: ``objects`` (the learner gets poses, sizes, categories and colors, as from a perfect detector),
-            ``pixels`` (it gets images), or the name of a user's family.
-        options: Options of a user's family.
+        family: Family of the learner. ``objects`` gets poses, sizes, categories and colors, as from a perfect detector.
+            ``pixels`` gets images. It may also be the name of a family that a user has defined.
+        options: Options of a family that a user has defined.
         tasks: Tasks whose demonstrations are used. If empty, all tasks in the data are used.
-        variations: Whether demonstrations of test variations are used too, which gives the covered training
-            distribution.
+        variations: Whether demonstrations of test variations are used, too. If so, the training distribution covers the
+            tests.
         demonstrations: Maximum number of demonstrations per condition. Those with the lowest seeds are used. None means
-            all.
-        longest_pause: Maximum number of control steps that are used from a pause of the demonstrator. None means all.
-        every: Distance between input frames in training [control steps]. The actions of a chunk are always consecutive.
+            that all are used.
+        longest_pause: Maximum number of control steps that are used from each pause of the demonstrator. None means
+            that all are used.
+        every: Number of control steps between input frames in training. The actions of a chunk are always consecutive.
         eyes: Image inputs of a ``pixels`` learner.
-        capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
+        capacity: Size of the transformer, as ``small``, ``base`` or ``large``, or as width, layers and heads.
         proprioception: Proprioceptive inputs.
         augmentation: Random augmentation of training samples.
         history: Number of tool states in the input: the present state and earlier states.
-        history_stride: Number of control steps between these states. For a ``pixels`` learner, which answers every
-            ``execute`` steps, it must be a multiple of ``execute``.
+        history_stride: Number of control steps between the tool states in the history. For a ``pixels`` learner, which
+            answers every ``execute`` steps, it must be a multiple of ``execute``.
         chunk: Number of actions in one answer.
-        execute: Execution horizon: number of actions that are executed from an answer before the learner answers again.
-        loss: ``l1``, or ``flow`` for flow matching.
+        execute: Execution horizon, i.e. the number of actions that are executed from an answer before the learner
+            answers again.
+        loss: Loss function, ``l1`` or ``flow`` (flow matching).
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Fraction of activations that are dropped in training.
         gripper_weight: Sampling weight of a sample at which the gripper opens or closes. Other samples have weight 1.
@@ -176,18 +180,19 @@ class TrainingRecipe:
         frozen: Parts of the network whose weights are not trained.
         steps: Number of training steps.
         batch: Number of samples per training step.
-        learning_rate: Largest learning rate of AdamW, reached after ``warmup`` steps. It then falls to zero along a
-            cosine.
-        warmup: Number of steps in which the learning rate rises.
+        learning_rate: Maximum learning rate of AdamW, which is reached after ``warmup`` steps. The learning rate then
+            decays to zero with a cosine schedule.
+        warmup: Number of steps during which the learning rate increases.
         weight_decay: Weight decay of AdamW.
-        ema: Decay of the moving average of the weights. Evaluation uses the average.
-        clip: Largest norm of the gradient.
-        seed: Seed of the initial weights and of the training.
-        validation: Fraction of seeds that are held out, chosen as by ``better export --validation``.
+        ema: Decay rate of the exponential moving average of the weights. Evaluation uses the averaged weights.
+        clip: Maximum norm of the gradient.
+        seed: Seed for the initial weights and for the random choices in training.
+        validation: Fraction of seeds that are held out for validation. They are chosen in the same way as by ``better
+            export --validation``.
         validate_every: Number of training steps between two validations.
         rollouts: Number of rollouts in each validation. They start from the initial states of held-out demonstrations.
         save_every: Number of training steps between two saved states from which training can be resumed.
-        threads: Number of threads of one process. Weights are reproducible only with the same number of threads.
+        threads: Number of threads per process. The weights are reproducible only with the same number of threads.
         version: Version of the training procedure.
     """
 
@@ -230,13 +235,13 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Raise an error if settings contradict each other or the family does not support them."""
+        """Raise an error if settings contradict each other, or if the family does not support a setting."""
         self._require_family()
         if self.execute > self.chunk:
             problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
-            raise InvalidInputError("execute", problem, "Give at most that number")
+            raise InvalidInputError("execute", problem, "Use at most that number")
         if self.start is None and self.frozen:
-            raise InvalidInputError("frozen", "frozen parts would keep random weights", "Give a checkpoint as start")
+            raise InvalidInputError("frozen", "frozen parts would keep random weights", "Set start to a checkpoint")
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
             problem = f"learners of the family {self.family} do not have this setting"
@@ -267,10 +272,10 @@ class TrainingRecipe:
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
                 problem = f"expected {wanted.__name__}, the type of its default, got {value!r}"
-                raise InvalidInputError(f"options.{name}", problem, "Correct it")
+                raise InvalidInputError(f"options.{name}", problem, "Correct the value")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
-        """Return the fields that belong to only one family, and whether the recipe sets each of them wrongly."""
+        """Return the fields that only one family uses, and whether this recipe sets each although it must not."""
         changed, pixels = self.augmentation, self.sees == "pixels"
         parts = learner_family(self.family).parts
         return (
@@ -305,7 +310,7 @@ class TrainingRecipe:
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings, by name, that determine the number of weights together with the vocabulary."""
+        """Settings that determine, together with the vocabulary, the number of weights of the network. By name."""
         given = self.proprioception.given
         return {
             "family": self.family,
@@ -320,7 +325,7 @@ class TrainingRecipe:
 
     @property
     def questions(self) -> int:
-        """Number of questions per training step, which are added to the samples of the batch."""
+        """Number of questions in each training step. They are added to the samples of the batch."""
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
@@ -340,7 +345,7 @@ def require_asked(stride: int, execute: int, field_name: str) -> None:
     """Raise InvalidInputError if the history stride of a ``pixels`` learner is not a multiple of ``execute``."""
     if stride % execute:
         problem = f"{stride} is not a multiple of execute ({execute}), which a pixels learner requires"
-        raise InvalidInputError(field_name, problem, "Give a multiple of execute, or set history to 1")
+        raise InvalidInputError(field_name, problem, "Use a multiple of execute, or set history to 1")
 
 
 _FORM = TypeAdapter(TrainingRecipe)
@@ -354,7 +359,8 @@ def read_training_recipe(
     Args:
         form: Recipe as a mapping or as a JSON string.
         where: Name of the file, used in messages.
-        changes: Fields that replace those of the recipe. A field whose value is None is not replaced.
+        changes: New values of fields, which replace those in the recipe. A field for which None is given is not
+            replaced.
 
     Raises:
         InvalidInputError: If a field is missing, unknown or out of range. The message names the field.

@@ -22,7 +22,7 @@ POSE_NUMBERS = 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """Inputs that do not change during an episode: the instruction, and the appearance of n objects.
+    """Inputs of a learner that do not change during an episode: the instruction, and the appearance of n objects.
 
     Attributes:
         words: (w,) indices of the words of the instruction.
@@ -38,7 +38,7 @@ class Things:
 
 
 def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocabulary) -> Things:
-    """Return the inputs of a learner that do not change during an episode. Objects keep the given order."""
+    """Return the inputs of a learner that do not change during an episode. The objects keep their order."""
     return Things(
         vocabulary.word_ids(instruction),
         np.array([o.size_m for o in objects], dtype=np.float32).reshape(-1, 3),
@@ -65,12 +65,12 @@ def tool_numbers(positions: np.ndarray, quaternions: np.ndarray, widths: np.ndar
 
 
 def pose_numbers(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-    """Return the values of poses, (..., 9) float32, given positions (..., 3) [m] and quaternions (..., 4)."""
+    """Return poses as arrays (..., 9) float32, given positions (..., 3) [m] and quaternions (..., 4)."""
     return np.concatenate([positions, six_numbers(quaternions)], axis=-1).astype(np.float32)
 
 
 def moment_of(state: WorldState) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of the tool, (10,), and of the poses of the n objects, (n, 9), in a state. Both are float32."""
+    """Return the inputs that a learner gets in a state: tool (10,) float32 and poses of n objects (n, 9) float32."""
     pose = state.ee_pose
     tool = tool_numbers(np.array([pose.position]), np.array([pose.quaternion]), np.array([state.finger_width_m]))
     poses = pose_numbers(np.array(state.positions).reshape(-1, 3), np.array(state.quaternions).reshape(-1, 4))

@@ -1,6 +1,6 @@
 """Vocabulary of a learner: the words, categories, colors and answers that occur in the training data.
 
-Words, categories and colors that do not occur there share one index.
+All words that do not occur in the training data share one index, and so do all such categories and all such colors.
 """
 
 from __future__ import annotations
@@ -41,22 +41,25 @@ class Vocabulary:
 
     @classmethod
     def of(cls, texts: Iterable[str], categories: Iterable[str], colors: Iterable[str]) -> Vocabulary:
-        """Return the vocabulary of training data, with sorted entries."""
+        """Collect the vocabulary of training data. Its entries are sorted."""
         words = {word for text in texts for word in words_of(text)}
         return cls(tuple(sorted(words)), tuple(sorted(set(categories))), tuple(sorted(set(colors))))
 
     def to_json(self) -> dict[str, list[str]]:
-        """Return the vocabulary as a JSON-serializable dict. The field ``answers`` is left out if there are none."""
+        """Return the vocabulary as a JSON-serializable dict.
+
+        If there are no answers, the field ``answers`` is left out.
+        """
         named = {name: list(values) for name, values in asdict(self).items()}
         return named if self.answers else {name: values for name, values in named.items() if name != "answers"}
 
     def sizes(self) -> tuple[int, int, int]:
-        """Return the numbers of indices that are needed for words, categories and colors."""
+        """Return how many indices are needed for words, for categories and for colors."""
         words, categories, colors = (_FIRST + len(known) for known in (self.words, self.categories, self.colors))
         return words, categories, colors
 
     def word_ids(self, instruction: str) -> np.ndarray:
-        """Return the indices of the words of an instruction, at most MOST_WORDS, as int64."""
+        """Return the indices of the words in an instruction as int64. At most MOST_WORDS words are used."""
         return _ids(words_of(instruction)[:MOST_WORDS], self.words)
 
     def category_ids(self, names: Sequence[str]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Main function of the process in which a user's policy runs. It loads the policy and answers the run's requests.
 
-Requests come over a socket. This module does not import a simulator, so that the process starts fast and leaves its
-memory to the policy.
+Requests arrive through a socket. This module does not import a simulator, so that the process starts fast and the
+memory is available to the policy.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         address: Address of the policy.
         link: File descriptor of the socket.
         life: File descriptor of a pipe whose other end is closed when the run ends.
-        world: Benchmark whose conventions are used with a server, such as "libero", or empty.
+        world: Benchmark whose conventions apply, such as "libero", or empty.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):
@@ -90,7 +90,7 @@ def _end_with_run(life: int) -> None:
 
 
 def _declared(policy: Policy, source: str) -> Declared:
-    """Return the description of a policy in values that can be sent to the run."""
+    """Return the description of a policy, converted to values that can be sent to the run."""
     info, e = policy.info, policy.info.execution
     return Declared(
         name=text_of(info.name),
@@ -108,9 +108,9 @@ def _declared(policy: Policy, source: str) -> Declared:
 
 
 def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | None:
-    """Call the requested method of a policy and return the resulting arrays or the error.
+    """Call the requested method of a policy, and return the resulting arrays or the error.
 
-    Return None if no more follow.
+    Return None if no more requests follow.
     """
     if not asked:
         return None
@@ -123,7 +123,7 @@ def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | No
 
 
 def _told(problem: BaseException) -> ProcessAnswer:
-    """Return the class and the texts of an error, without other objects attached to it."""
+    """Return the class and the texts of an error, without the other objects to which the error refers."""
     if isinstance(problem, UnknownNameError):
         return _error("UnknownNameError", (problem.kind, problem.name, *problem.known))
     if isinstance(problem, InvalidInputError):
@@ -158,6 +158,6 @@ def _close(policy: Policy) -> None:
 
 
 def _say(what: str, problem: BaseException) -> None:
-    """Write one line to standard error. Do nothing if that is impossible."""
+    """Write one line to standard error. If this is impossible, do nothing."""
     with contextlib.suppress(BaseException):
         _write(2, f"{what}: {described(problem)}\n".encode("utf-8", "backslashreplace"))

@@ -1,4 +1,4 @@
-"""Policies written by users, which run in separate processes so that a crash affects at most the current trial."""
+"""Policies written by users. Each runs in a separate process, so that a crash affects at most the current trial."""
 
 from __future__ import annotations
 
@@ -67,14 +67,15 @@ class PolicyProcess:
     """Client of a policy that runs in a separate process.
 
     If the process has ended, the next request starts a new process, which loads the policy again. A new process is also
-    started after a failed episode, so that the failure cannot affect later episodes; a policy with large weights keeps
-    its process, however. The process has its own session, so that signals sent to the run do not reach it.
+    started after a failed episode, so that the failure cannot affect later episodes. Only a policy with large weights
+    keeps its process. The process belongs to a separate session of the operating system, so that signals sent to the
+    run do not reach it.
 
     Attributes:
         info: Description of the policy.
-        source: Name and SHA-256 of the file that contains the policy, or empty.
+        source: Name and SHA-256 of the file that contains the policy, or an empty string.
         takes_batches: Whether the policy answers several observations in one call.
-        ready_at: Time from which the policy accepts requests, on the clock ``time.perf_counter`` [s]. Infinite while
+        ready_at: Time from which the policy accepts requests [s], as measured by ``time.perf_counter``. Infinite while
             the policy is being loaded.
     """
 
@@ -88,10 +89,10 @@ class PolicyProcess:
     ) -> None:
         """Start the process, unless one is given, and wait until it has loaded the policy.
 
-        ``world`` names the benchmark whose conventions are used with a server, such as "libero".
+        ``world`` names the benchmark whose conventions apply, such as "libero".
 
         Raises:
-            BetterError: If loading the policy raised this error of betterbench.
+            BetterError: If loading the policy raised an error of betterbench. The same error is raised here.
             PolicyProcessError: If loading raised another exception or took longer than ``load_s`` [s], or if the
                 process ended.
         """
@@ -106,7 +107,7 @@ class PolicyProcess:
     def reset(self, start: EpisodeStart) -> None:
         """Tell the policy that an episode begins. Raises the same errors as :meth:`act`.
 
-        If this fails in a process that has already run other episodes, it is tried again in a new process.
+        If this fails in a process that has already run other episodes, the call is repeated in a new process.
         """
         try:
             self._ask("reset", start)
@@ -125,13 +126,16 @@ class PolicyProcess:
         Raises:
             PolicyError: If the policy raised any exception, or its process crashed.
             PolicyKilledError: If the process was killed by another process.
-            PolicyUnavailableError: If the policy raised this error because its server cannot be reached.
-            HandshakeError: If the policy raised this error because its server now serves a different policy.
+            PolicyUnavailableError: If the policy itself uses a server that cannot be reached.
+            HandshakeError: If the policy itself uses a server that now serves a different policy.
         """
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Have a checkpoint compare its conventions with those of the run. Other policies declare no conventions."""
+        """Ask the policy of a checkpoint to compare its conventions with those of the run.
+
+        Other policies declare no conventions.
+        """
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
@@ -145,9 +149,8 @@ class PolicyProcess:
     def close(self) -> None:
         """Close the policy and end its process.
 
-        While a request is running, the process is ended without closing the policy.
-
-        If another thread is already closing the policy, return immediately.
+        If a request is running, the process is ended without closing the policy. If another thread is already closing
+        the policy, return immediately.
         """
         with self._closing:
             first, self._closed = not self._closed, True
@@ -189,7 +192,7 @@ class PolicyProcess:
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """Make sure that a process exists. An episode begins with a process in which no trial has failed."""
+        """Start a process if there is none, or if an episode begins after a trial has failed in the current process."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -224,7 +227,9 @@ class PolicyProcess:
 
     def _require_unchanged(self, declared: Declared) -> None:
         if declared.source != self.source:
-            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore the file.")
+            raise PolicyProcessError(
+                f"{self._address}: the file of the policy has changed since the run began. Restore the original file."
+            )
 
 
 class BatchPolicyProcess(PolicyProcess):
@@ -291,7 +296,8 @@ class _Started(AskedProcess):
     def loaded(self, timeout_s: float) -> Declared:
         """Wait until the policy has been loaded, and return its description.
 
-        Raises the errors of :class:`PolicyProcess`, and PolicyKilledError if another process ended this process.
+        Raises the errors of :class:`PolicyProcess`. Also raises PolicyKilledError if another process killed the
+        policy's process.
         """
         try:
             answer, _ = read_answer(self.greeting(limit_s=timeout_s))
@@ -312,7 +318,7 @@ class _Started(AskedProcess):
         raised = _error(answer.error or "", answer.texts or ("it does not declare anything",))
         if type(raised) is not PolicyError:
             raise raised  # errors of betterbench need no prefix
-        raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
+        raise PolicyProcessError(f"{self._address}: the policy cannot be loaded ({raised}).")
 
     def call(
         self, method: str, args: Sequence[object], options: dict[str, object]

@@ -1,9 +1,9 @@
 """Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
 
-A request from the run is a pickle in a byte array. A request without arrays ends the process. An answer must not
-contain pickled Python objects, because a policy can write anything to its socket. The run reads answers in
-:mod:`betterbench.policies.process.process_reader`. This module does not import the code that checks answers, so that
-the process of a policy starts fast.
+A request from the run is pickled and sent as a byte array. A request without arrays ends the process. An answer must
+not contain pickled Python objects, because an untrusted policy could write anything to its socket. The run reads
+answers in :mod:`betterbench.policies.process.process_reader`. This module does not import the code that checks answers,
+so that the process of a policy starts fast.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Declared:
 
     Attributes:
         batches: Whether the policy answers several observations in one call.
-        source: Name and SHA-256 of the file from which the policy was loaded, or empty.
+        source: Name and SHA-256 of the file from which the policy was loaded, or an empty string.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Declared:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy as a PolicyInfo."""
+        """Description of the policy, converted to a PolicyInfo."""
         return PolicyInfo(
             self.name,
             self.action_space,
@@ -60,9 +60,10 @@ class ProcessAnswer:
     """Message from the process of a policy: an answer or an error.
 
     Attributes:
-        error: Class name of an error of betterbench, or empty for any other exception. None if there was no error.
+        error: Class name of the error if it is one of betterbench's own errors, an empty string for any other
+            exception, or None if there was no error.
         texts: Texts of the error.
-        declared: Description of the policy, in the first message only.
+        declared: Description of the policy. Only the first message contains it.
     """
 
     error: str | None = None
@@ -75,12 +76,12 @@ _array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Convert a value that a policy uses as a string to a printable string."""
+    """Convert a value to a printable string. The value comes from a policy, which uses it as a string."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 
 def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameContent:
-    """Return the content of the message that carries an answer, with the policy's values as arrays.
+    """Return the content of a message with a policy's answer. The values that the policy returned become arrays.
 
     Raises ValueError if the message would be too large.
     """

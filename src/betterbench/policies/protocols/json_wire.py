@@ -1,8 +1,8 @@
-"""Encoding of the bodies of ``POST /act``: JSON with arrays in the format of json-numpy.
+"""Encoding of the bodies of ``POST /act`` requests and replies: JSON, with arrays in the format of json-numpy.
 
-An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body contains that map, or a
-string with the JSON text of the map. Bodies are not trusted, like the messages in
-:mod:`betterbench.policies.protocols.wire`: decoding any bytes gives a value or a :class:`PolicyError`.
+An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body contains that map itself,
+or a string with the JSON text of the map. Like the messages in :mod:`betterbench.policies.protocols.wire`, bodies are
+not trusted: decoding any bytes gives a value or a :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ ArrayCoding = Literal["map", "text", "png"]
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
-    """Encode a value as a body. It may consist of maps, lists, strings, numbers, None and NumPy arrays of numbers.
+    """Encode a value as a body. The value consists of maps, lists, strings, numbers, None and NumPy arrays of numbers.
 
-    If ``encoded`` is True, the body is a map with the single key ``encoded``, whose value is the JSON text of the
-    value. Some servers need this to accept arrays. Raises InvalidInputError for values of other types.
+    If ``encoded`` is True, the body is a map with the single key ``encoded`` and the JSON text of the value. Some
+    servers accept arrays only in this form. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:
@@ -51,17 +51,16 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
         text = json.dumps(value, default=mark, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise InvalidInputError(
-            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+            "message", f"the message cannot be sent ({error})", "Send strings, numbers and arrays"
         ) from error
     return (json.dumps({"encoded": text}) if encoded else text).encode("utf-8")
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Decode a body to a value whose arrays are read-only.
+    """Decode a body. The arrays in the returned value are read-only.
 
-    A string that contains the JSON text of a value is decoded too.
-
-    Raises PolicyError if the body is malformed, nested too deeply, or larger than ``MAX_BODY_BYTES``.
+    A string that contains the JSON text of a value is decoded, too. Raises PolicyError if the body is malformed, nested
+    too deeply, or larger than ``MAX_BODY_BYTES``.
     """
     try:
         if len(data) > MAX_BODY_BYTES:

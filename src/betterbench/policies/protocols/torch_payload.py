@@ -1,9 +1,9 @@
-"""Reader of files written by torch that does not run code contained in them.
+"""Reader for files written by torch. It does not run code that such a file may contain.
 
 Being-H's servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
-the sender names. Here, answers are read with ``torch.load(weights_only=True)``, which calls only functions from a list.
-In this list, NumPy's constructors are replaced by functions of this module that only store their arguments. Arrays are
-then built from plain bytes, with the same checks as in all other protocols.
+the sender chooses. Here, answers are read with ``torch.load(weights_only=True)``, which calls only functions from a
+list of permitted functions. In this list, NumPy's constructors are replaced by functions of this module that only store
+their arguments. Arrays are then built from plain bytes, with the same checks as in all other protocols.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Replacement for numpy.dtype that stores the name of the type and the byte order."""
+    """Replacement for numpy.dtype that only stores the name of the type and the byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -53,7 +53,7 @@ class _Kind:
 
 
 class _Array:
-    """Replacement for numpy.ndarray that stores the data from which an array is built."""
+    """Replacement for numpy.ndarray that only stores the data from which the array is built later."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
@@ -82,7 +82,7 @@ class _Array:
 
 
 class _Scalar:
-    """Replacement for a NumPy number that stores its type and its bytes."""
+    """Replacement for a NumPy number that only stores its type and its bytes."""
 
     def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
         self.kind, self.data = kind, data
@@ -97,7 +97,7 @@ class _Scalar:
 
 
 def _no_bytes(*_: object) -> bytes:
-    """Return no bytes. This replaces the constructor of bytes, since an empty array is serialized as a call of it."""
+    """Return an empty bytes object. This replaces the constructor of bytes, which the file of an empty array calls."""
     return b""
 
 
@@ -156,7 +156,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
     """Return the content of a file written by torch: maps with string keys, lists, strings, numbers and NumPy arrays.
 
     Raises MissingDependencyError if torch is not installed, and PolicyError if the file is malformed, too large, or
-    contains anything else.
+    contains values of any other type.
     """
     torch = import_torch()
     try:
@@ -176,7 +176,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
 
 
 def _survey(data: bytes) -> None:
-    """Check the archive before torch reads it.
+    """Check the zip archive before torch reads it.
 
     Compressed entries are rejected, because they could become much larger in memory.
     """
@@ -198,7 +198,7 @@ def _survey(data: bytes) -> None:
 class _Reader:
     """Conversion of a decoded file to plain values.
 
-    The number of values is limited, because references can repeat values.
+    The number of values is limited, because a file can use references to repeat a value many times.
     """
 
     def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module

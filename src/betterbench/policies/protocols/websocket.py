@@ -89,7 +89,8 @@ class WebSocket:
     def mark_end_of_answer(self) -> None:
         """Remember that the last request has been answered, and send a ping without waiting for the pong.
 
-        Messages arrive in order. When the pong arrives, everything that the server has sent before it has arrived too.
+        Messages arrive in order. When the pong arrives, everything that the server sent before the pong has arrived as
+        well.
         """
         if self._pongs:
             with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server accepts no more data"):
@@ -98,8 +99,9 @@ class WebSocket:
     def refuse_unasked(self) -> None:
         """Raise ConnectionError if the server has sent another message after its last answer.
 
-        A second answer to one request would be mistaken for the answer to the next request, and all later answers would
-        be shifted. For a server that never sends pongs, this method waits only once.
+        If the server answered a request twice, the second answer would be mistaken for the answer to the next request,
+        and all later answers would be shifted by one. If a server never sends pongs, this method waits for a pong only
+        once.
         """
         mark, self._mark = self._mark, None
         if mark is not None and not mark.wait(_PONG_S):
@@ -114,7 +116,7 @@ class WebSocket:
     def greeting(self, silence: str) -> Iterator[None]:
         """Close the connection if the first exchange of messages fails.
 
-        ``silence`` is the error text for a silent server.
+        ``silence`` is the text of the error that is raised if the server sends nothing in time.
         """
         try:
             yield
@@ -126,7 +128,7 @@ class WebSocket:
             raise
 
     def close(self) -> None:
-        """End the connection without raising an error."""
+        """End the connection. No error is raised."""
         with (
             contextlib.suppress(OSError, PolicyError),
             self._cut_after(_CLOSE_TIMEOUT_S + _GRACE_S, "the server does not close"),
@@ -135,13 +137,13 @@ class WebSocket:
 
     @contextlib.contextmanager
     def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
-        """Break the connection and raise TimeoutError if the body of the context takes too long.
+        """Break the connection and raise TimeoutError if the body of this context takes too long.
 
-        The library uses one lock for everything that it sends, including answers to pings, and waits for this lock
-        without a deadline. A server that sends pings but does not read would therefore block it forever.
+        The websocket library uses one lock for everything that it sends, including answers to pings, and waits for this
+        lock without a deadline. A server that sends pings but does not read would therefore block it forever.
 
         Raises:
-            OSError: If the connection is broken or the time is over.
+            OSError: If the connection is broken or the time limit has passed.
             PolicyError: If this side closed the connection because a message was too large.
         """
         late = threading.Event()
@@ -211,7 +213,7 @@ class WebSocket:
 
 
 def quiet_logger() -> logging.Logger:
-    """Return a logger for the websocket library that hides the tracebacks of port scans and failed handshakes."""
+    """Return a logger for the websocket library that does not print tracebacks of port scans and failed handshakes."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet

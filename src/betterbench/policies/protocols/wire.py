@@ -1,12 +1,13 @@
-"""Conversion between values and bytes in the variants of msgpack that policy servers use.
+"""Conversion between values and bytes, using the variants of msgpack that policy servers support.
 
-All variants send maps of strings, numbers and arrays, but they mark arrays differently: as in openpi's client, as in
-vla-evaluation-harness, as a .npy file (GR00T up to N1.6), or as in the package msgpack-numpy. The last variant, ``nd``,
-is used by GR00T N1.7 and by some servers with openpi's protocol.
+All variants send maps of strings, numbers and arrays, but they mark arrays in different ways: as in openpi's client, as
+in vla-evaluation-harness, as .npy files (GR00T up to N1.6), or as in the package msgpack-numpy. The last variant,
+``nd``, is used by GR00T N1.7 and by some servers with openpi's protocol.
 
-Messages are not trusted. Decoding any bytes gives a value or a :class:`PolicyError`, and takes at most a few times as
-much memory as the message has bytes. The depth and the number of values are checked before decoding. An array must have
-exactly as many bytes as its type and shape require. The size of an image is checked before the image is decompressed.
+Messages are not trusted. Decoding any bytes gives a value or a :class:`PolicyError`, and the memory that it takes is at
+most a few times the size of the message. The depth and the number of values are checked before decoding. An array must
+have exactly as many bytes as its type and shape require. The size of an image is checked before the image is
+decompressed.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ ImageCoding = Literal["raw", "png", "jpeg"]
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """Configuration of one modality of a GR00T server: the time steps and names of its inputs or outputs."""
+    """Configuration of one modality of a GR00T server, with the time steps and names of its inputs or outputs."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
@@ -95,8 +96,8 @@ class ModalityConfig:
 def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
     """Encode a value as a message of openpi's protocol. Arrays are marked as in openpi's client or as in msgpack-numpy.
 
-    A value is a dict, list, string, bytes, number or None, or a NumPy array of numbers, booleans or strings. Other
-    types raise InvalidInputError.
+    A value is a dict, list, string, bytes object, number or None, or a NumPy array of numbers, booleans or strings.
+    Raises InvalidInputError for values of other types.
     """
     return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
@@ -156,14 +157,18 @@ def _mark_nd(thing: object) -> object:
 
 
 def _is_nd(form: Mapping[Any, Any]) -> bool:
-    """Return whether a map stands for an array or a number. With string keys, it may also be an ordinary map."""
+    """Return whether a map represents an array or a number.
+
+    A map whose keys are strings may also be an ordinary map.
+    """
     return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
 
 
 def _read_nd(form: Mapping[Any, Any]) -> object:
-    """Decode an array or a number in the format of msgpack-numpy. Its keys may be bytes or strings.
+    """Decode an array or a number in the format of msgpack-numpy. The keys of the map may be bytes or strings.
 
-    In msgpack-numpy, the kind of an array is empty. Other implementations give the letter of the type as the kind.
+    In msgpack-numpy itself, the entry ``kind`` of an array is empty. Other implementations store the letter of the type
+    in it.
     """
     whole = {name: form.get(name.encode(), form.get(name)) for name in ("nd", "type", "kind", "shape", "data")}
     kind = b"" if whole["kind"] is None else whole["kind"]
@@ -224,7 +229,7 @@ def _read_vla_eval(form: dict[Any, Any]) -> object:
 
 
 def is_image(array: np.ndarray, *, channels: tuple[int, ...] = (3,)) -> bool:
-    """Return whether an array is an image, that is (height, width, channels) uint8."""
+    """Return whether an array has the type and shape of an image, which is (height, width, channels) uint8."""
     return array.ndim == 3 and array.dtype == np.uint8 and array.shape[2] in channels and array.size > 0
 
 
@@ -273,9 +278,9 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
 
 
 def encode_gr00t(value: object) -> bytes:
-    """Encode a value as a message of GR00T.
+    """Encode a value as a message for a GR00T server.
 
-    The value may contain modality configurations. Raises like :func:`encode_openpi`.
+    The value may contain modality configurations. Raises the errors of :func:`encode_openpi`.
     """
     return _encode(value, _mark_gr00t)
 
@@ -307,7 +312,10 @@ def _read_gr00t(form: dict[Any, Any]) -> object:
 
 
 def _npy(data: object) -> np.ndarray:
-    """Read the bytes of a .npy file as NumPy writes it. The header is not evaluated, and nothing is unpickled."""
+    """Read the bytes of a .npy file in the format that NumPy writes.
+
+    The header is not evaluated as Python code, and nothing is unpickled.
+    """
     if not isinstance(data, bytes):
         raise TypeError(f"expected a .npy file as bytes, got {type(data).__name__}")
     width = {b"\x93NUMPY\x01\x00": 2, b"\x93NUMPY\x02\x00": 4}.get(data[:8])
@@ -347,7 +355,7 @@ def _encode(value: object, mark: Callable[[object], object]) -> bytes:
         return bytes(msgpack.packb(value, default=mark, use_bin_type=True))
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(
-            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+            "message", f"the message cannot be sent ({error})", "Send strings, numbers and arrays"
         ) from error
 
 
@@ -405,10 +413,10 @@ _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 
 
 def _survey(data: bytes) -> None:
-    """Check the structure of a message without decoding its values.
+    """Check the structure of a message before its values are decoded.
 
-    An empty list takes one byte in the message but 56 bytes in memory, and nested lists take stack space. Both are
-    limited here, before the decoder allocates memory.
+    An empty list takes one byte in the message but 56 bytes in memory, and nested lists take stack space. The number
+    and the depth of lists are therefore limited before the decoder allocates memory.
 
     Raises:
         ValueError: If the message is incomplete, has extra bytes, is nested too deeply, has too many values, or
@@ -438,7 +446,7 @@ def _survey(data: bytes) -> None:
 
 
 def _token(data: bytes, at: int) -> tuple[int, int]:
-    """Return the offset of the next token, and the number of values that the token at ``at`` contains."""
+    """Return the number of values that the msgpack token at offset ``at`` contains, and the next token's offset."""
     token = data[at]
     at += 1
     if token < 0x80 or token >= 0xE0:
@@ -478,8 +486,8 @@ def _shape(given: object) -> tuple[int, ...]:
 def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
     """Return a read-only array in native byte order, given its bytes, a NumPy type code and a shape.
 
-    Only plain numbers are allowed and, if ``texts`` is True, strings. Raises ValueError or TypeError if the type is not
-    allowed or does not match the bytes and the shape.
+    The elements must be plain numbers or, if ``texts`` is True, strings. Raises ValueError or TypeError if the type is
+    not allowed or does not match the bytes and the shape.
     """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):

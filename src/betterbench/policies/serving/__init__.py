@@ -1,1 +1,1 @@
-"""Server of openpi's protocol: connections, access control, and a limit on the memory that messages take."""
+"""Server for openpi's protocol, with access control and a limit on the memory that messages take."""

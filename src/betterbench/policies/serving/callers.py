@@ -1,10 +1,9 @@
 """Access control for servers on this machine.
 
-Programs and pages of the server itself may connect, other web pages may not.
-
-The check is necessary because a browser lets any web page connect to this machine. With each request, the browser sends
-the site of the page (``Origin``) and the host name of the server (``Host``). If a foreign host name resolves to this
-machine, ``Host`` does not contain a name of this machine.
+Programs on this machine and the server's own pages may connect, but other web pages may not. The check is necessary
+because a browser lets any web page send requests to this machine. With each request, the browser sends the site of the
+page (``Origin``) and the host name of the server (``Host``). If a foreign host name resolves to this machine (DNS
+rebinding), ``Host`` contains that name and not a name of this machine.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ def is_own_host(values: Sequence[str], bound: str) -> bool:
     """Return whether the ``Host`` headers of a request are allowed if the server listens on the interface ``bound``.
 
     On the loopback interface, the loopback names and the name of the interface are allowed. If the server listens on
-    all interfaces, the name of this machine and all IP addresses are allowed too, since a DNS rebinding attack needs a
-    host name.
+    all interfaces, the name of this machine and all IP addresses are also allowed. IP addresses are safe, since a DNS
+    rebinding attack needs a host name.
     """
     if len(values) != 1:
         return False

@@ -1,10 +1,10 @@
-"""Limit on the memory that the unfinished and unanswered messages of all clients of a server take together.
+"""Limit on the memory that messages of all clients of a server take, as long as they are unfinished or unanswered.
 
 A websocket library stores the received part of a message until the message is complete. The limit on the message size
-bounds the memory of each connection; this budget bounds the memory of all connections together. A connection that would
-exceed the budget waits, which stops its client from sending more data. The connection whose message began first never
-waits, so at least one message can always be completed. While others wait, connections that do not finish a message in
-time are dropped.
+bounds the memory of each connection, and this budget bounds the memory of all connections together. If a connection
+would exceed the budget, it waits, which stops its client from sending more data. The connection whose message began
+first never waits, so at least one message can always be completed. While other connections wait, a connection that does
+not finish a message in time is dropped.
 """
 
 from __future__ import annotations
@@ -26,13 +26,11 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Counter of the bytes received by one connection, which consist of an HTTP request followed by websocket frames.
-
-    Only the headers of frames are parsed (RFC 6455, section 5.2).
+    """Counter of the bytes that one connection receives: first an HTTP request, then websocket frames.
 
     Attributes:
-        unfinished: Number of bytes of the current message that have been received.
-        queued: Number of bytes of each complete message that has not been answered.
+        unfinished: Number of bytes received so far of the current message.
+        queued: Size of each message that is complete but has not been answered yet [bytes].
     """
 
     def __init__(self) -> None:
@@ -49,11 +47,11 @@ class MessageMeter:
 
     @property
     def is_within(self) -> bool:
-        """Whether the opening request, a frame header or a message has been received only in part."""
+        """Whether an opening request, a frame header or a message has been received only in part so far."""
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
-        """Count received data. Return whether the opening request or a message has been completed by it."""
+        """Count received data. Return whether these data have completed the opening request or a message."""
         ended, at = False, 0
         if not self.is_greeted:
             self._head += data
@@ -74,12 +72,15 @@ class MessageMeter:
         return ended
 
     def taken(self) -> None:
-        """Stop counting the first complete message, since it has been answered."""
+        """Stop counting the oldest complete message, since it has been answered."""
         if self.queued:
             self.queued.popleft()
 
     def _read_head(self, data: bytes, at: int) -> int:
-        """Continue to parse the header of a frame. Return the offset at which the unparsed data begin."""
+        """Continue to parse the header of a frame.
+
+        Return the offset of the first byte that does not belong to the header.
+        """
         while at < len(data):
             self._head.append(data[at])
             at += 1
@@ -111,7 +112,8 @@ class Metered:
 
     Attributes:
         waited_s: Time that has been spent waiting for the client during the current message [s].
-        waits_since: Time at which the current wait for the client began [s, monotonic], or None.
+        waits_since: Time at which the current wait for the client began [s], as measured by ``time.monotonic``, or
+            None.
         is_cut: Whether the connection was dropped.
     """
 
@@ -176,24 +178,24 @@ class FrameBudget:
             self._lock.notify_all()
 
     def answered(self, one: Metered) -> None:
-        """Stop counting the first complete message of a connection, since it has been answered."""
+        """Stop counting the oldest complete message of a connection, since it has been answered."""
         with self._lock:
             one.meter.taken()
             self._lock.notify_all()
 
     def cut_stuck(self) -> None:
-        """Drop connections that have not finished a message in time although others are waiting."""
+        """Drop connections that have not finished a message in time, if other connections are waiting."""
         with self._lock:
             self._cut_stuck(time.monotonic())
 
     @property
     def is_dropping(self) -> bool:
-        """Whether a connection that was dropped has not been closed yet."""
+        """Whether there is a connection that was dropped but is not closed yet."""
         with self._lock:
             return any(one.is_cut for one in self._open.values())
 
     def stop(self) -> None:
-        """Let all waiting connections continue, because the server is stopping."""
+        """Let all waiting connections continue. This is called when the server stops."""
         with self._lock:
             self._is_over = True
             self._lock.notify_all()

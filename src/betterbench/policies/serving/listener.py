@@ -20,8 +20,9 @@ _KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP
 class Listener(socket.socket):
     """Listening TCP socket. If ``most`` is given, ``accept`` waits while that many connections are open.
 
-    If no file descriptors or memory are available for another connection, ``accept`` also waits, because an error would
-    end the server's loop. A client that disappears without closing its connection is noticed after three minutes.
+    If there are not enough file descriptors or memory for another connection, ``accept`` waits as well, because an
+    error would end the server's loop. A client that disappears without closing its connection is detected after three
+    minutes.
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
@@ -65,7 +66,10 @@ class Listener(socket.socket):
 
 
 class _Taken(socket.socket):
-    """Connection that receives data within the shared memory budget. Closing it makes room for another connection."""
+    """Connection of a client, whose received data count toward the shared memory budget.
+
+    When it is closed, another client can connect.
+    """
 
     def __init__(self, taken: socket.socket, listener: Listener, budget: FrameBudget | None) -> None:
         super().__init__(taken.family, taken.type, taken.proto, fileno=taken.detach())
@@ -82,7 +86,7 @@ class _Taken(socket.socket):
         return data
 
     def answered(self) -> None:
-        """Stop counting the first complete message, since it has been answered."""
+        """Stop counting the oldest complete message, since it has been answered."""
         if self._budget is not None and self.metered is not None:
             self._budget.answered(self.metered)
 
@@ -96,13 +100,13 @@ class _Taken(socket.socket):
 
 
 def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
-    """Return a socket that listens for TCP connections, of which at most ``most`` are open at the same time.
+    """Return a socket that listens for TCP connections. At most ``most`` connections are open at the same time.
 
     Raises InvalidInputError if the socket cannot be bound.
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError(
-            "--port", f"{port} is not a port", "Give a number from 1 to 65535, or 0 for any free port"
+            "--port", f"{port} is not a port", "Use a number from 1 to 65535, or 0 for any free port"
         )
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
@@ -110,12 +114,12 @@ def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget
     except OSError as problem:
         if problem.errno == errno.EADDRINUSE:
             raise InvalidInputError(
-                "--port", f"{port} is in use on {host}", "Give another port, or 0 for any free port"
+                "--port", f"{port} is in use on {host}", "Use another port, or 0 for any free port"
             ) from None
         if problem.errno == errno.EACCES:
-            raise InvalidInputError("--port", f"no permission to use port {port}", "Give a port above 1023") from None
+            raise InvalidInputError("--port", f"no permission to use port {port}", "Use a port above 1023") from None
         raise InvalidInputError(
             "--host",
             f"{host!r} is not an interface of this machine ({problem.strerror})",
-            "Give 127.0.0.1 to accept only connections from this machine",
+            "Use 127.0.0.1 to accept only connections from this machine",
         ) from None

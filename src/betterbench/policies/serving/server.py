@@ -1,8 +1,8 @@
-"""Server of openpi's protocol. It sends metadata, then one reply per request. Errors are sent as text frames.
+"""Server for openpi's protocol. It sends metadata first, then one reply per request. Errors are sent as text frames.
 
-The server is independent of policies: a function creates a :class:`Session` for each connection. Each connection has
-its own thread, so a client that is slow, disconnects or sends invalid data does not affect the others. Source of the
-protocol: openpi's ``websocket_policy_server.py`` and its client.
+The server knows nothing about policies: a function that the caller provides creates a :class:`Session` for each
+connection. Each connection has its own thread, so a client that is slow, disconnects or sends invalid data does not
+affect the others. Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
 """
 
 from __future__ import annotations
@@ -73,7 +73,10 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Server that answers policy requests. As a context manager, it starts and stops the server."""
+    """Server that answers policy requests.
+
+    In a ``with`` block, it is started at the beginning and stopped at the end.
+    """
 
     def __init__(
         self,
@@ -94,15 +97,16 @@ class PolicyServer:
 
         Args:
             make_session: Function that creates a session. It is called when a client sends its first request.
-            metadata: Metadata that each client gets first.
+            metadata: Metadata that is sent to each client when it connects.
             host: Interface to listen on.
             port: Port to listen on. 0 selects any free port.
             api_key: Key that clients must send, or None.
             clients: Maximum number of simultaneous clients. None means that there is no limit.
             on_stop: Function that is called once, when all connections have ended.
             budget: Limit on the memory for unanswered messages of all clients.
-            idle_while_full_s: If all slots are taken and another client arrives, the client that has been silent for
-                the longest time is disconnected, provided that it has been silent for more than this time [s].
+            idle_while_full_s: Time after which a silent client may be disconnected [s]. If another client arrives while
+                the maximum number is connected, the client that has been silent for the longest time is disconnected,
+                provided that it has been silent for more than this time.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()
@@ -181,7 +185,7 @@ class PolicyServer:
         self.stop()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer health checks. Reject clients that must not use the server."""
+        """Answer health checks, and reject clients that are not allowed to use the server."""
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
         # A browser lets any web page open a websocket to this machine, and sends the origin of the page.
@@ -200,9 +204,9 @@ class PolicyServer:
         return None
 
     def _room_made(self) -> bool:
-        """Drop a client that does not finish a message or has been silent for long.
+        """Try to disconnect a client that does not finish a message or has been silent for too long.
 
-        Return whether a slot is free now.
+        Return whether another client can now connect.
         """
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
@@ -212,7 +216,7 @@ class PolicyServer:
         return not self._full()
 
     def _let_silent_go(self) -> bool:
-        """Close the connection that has been silent for the longest time, if this time exceeds the limit.
+        """Close the connection that has been silent for the longest time, if it has been silent for too long.
 
         Return whether a connection was closed.
         """
@@ -235,7 +239,7 @@ class PolicyServer:
         return True
 
     def _full(self, more: int = 1) -> bool:
-        """Return whether there would be too many clients if ``more`` clients were added."""
+        """Return whether there would be too many clients if ``more`` additional clients connected."""
         with self._lock:
             return self._clients is not None and len(self._open) + more > self._clients
 
@@ -286,7 +290,10 @@ class PolicyServer:
                 self._talking.discard(threading.current_thread())
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
-        """Return the next frame of a client. Disconnect a client that has been silent for too long, and return None."""
+        """Return the next frame from a client.
+
+        If the client has been silent for too long, disconnect it and return None.
+        """
         with self._lock:
             self._silent_since[connection] = time.monotonic()
         try:
