@@ -208,7 +208,7 @@ def test_noop_stands_still_in_every_space(space):
 
 def test_a_plugin_declares_its_action_space(plugin):
     check_policy(f"python:{plugin}:InJointSpace", action_space="joint_delta")
-    with pytest.raises(InvalidInputError, match="Give --action-space joint_delta"):
+    with pytest.raises(InvalidInputError, match="Use --action-space joint_delta"):
         check_policy(f"python:{plugin}:InJointSpace", action_space="ee_delta")
 
 

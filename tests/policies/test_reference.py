@@ -175,7 +175,7 @@ def test_replay_refuses_a_missing_record_and_another_action_space(recorded):
         replay(recorded, condition="L2", base="train2")
     with pytest.raises(InvalidInputError, match="seed 5"):
         replay(recorded, seed=5)
-    with pytest.raises(InvalidInputError, match="Give --action-space ee_delta"):
+    with pytest.raises(InvalidInputError, match="Use --action-space ee_delta"):
         replay(recorded).reset(EpisodeStart("x", 0, "ee_pose"))
 
 

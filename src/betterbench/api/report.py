@@ -185,7 +185,7 @@ def report_into(
         RunConflictError: If the folder contains other files and must not be overwritten.
     """
     if not runs:
-        raise InvalidInputError("runs", "no run was given", "Give the run folder that better eval has written")
+        raise InvalidInputError("runs", "no run was given", "Pass the run folder that better eval has written")
     require_each_once([run.path for run in runs])
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):

@@ -178,7 +178,7 @@ def compare(
     paths = [run.path if isinstance(run, RunFolder) else Path(run) for run in runs]
     folders = [RunFolder.open(path) for path in paths if path.is_dir()]
     if len(folders) == len(paths) and is_across(folders):
-        cure = "Give the runs to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
+        cure = "Pass the runs to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
         raise InvalidInputError("runs", "these runs belong to several suites or to CALVIN", cure)
     with options_as_arguments():
         sides = load_sides(paths, names=names, allow_mixed=allow_mixed)

@@ -37,7 +37,7 @@ def free_port(host: str, port: int) -> int:
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError(
-            "--port", f"{port} is not a port", "Give a number from 0 to 65535; 0 chooses a free port"
+            "--port", f"{port} is not a port", "Use a number from 0 to 65535; 0 chooses a free port"
         )
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

@@ -53,13 +53,13 @@ def calibration_policies(
             raise InvalidInputError(
                 "--policies",
                 f"{name!r} is not a policy that can be calibrated",
-                f"Give one or more of {', '.join(names)}",
+                f"Use one or more of {', '.join(names)}",
             )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
         given = ", ".join(f"{s:g}" for s in strengths) or "nothing"
-        raise InvalidInputError("--strengths", f"{given} is out of range", "Give numbers greater than 0 and at most 1")
+        raise InvalidInputError("--strengths", f"{given} is out of range", "Use numbers greater than 0 and at most 1")
     if trials < 1:
-        raise InvalidInputError("--trials", f"{trials} is out of range", "Give a number of at least 1")
+        raise InvalidInputError("--trials", f"{trials} is out of range", "Use a number of at least 1")
     kept = [name for name in names if not policies or name in policies]
     planned = [CalibrationPolicy(Address(name), trials, seed) for name in experts if name in kept]
     for i, strength in enumerate(strengths):

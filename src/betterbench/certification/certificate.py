@@ -198,7 +198,7 @@ class Certificate:
         """
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
             raise InvalidInputError(
-                where, "this is not a certificate", "Give a certificate.json written by better certify"
+                where, "this is not a certificate", "Use a certificate.json written by better certify"
             )
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
         form = {name: value for name, value in form.items() if name not in derived}

@@ -242,7 +242,7 @@ def load_coverage(path: Path) -> Coverage:
 
 
 def _load(file: Traversable | Path, where: str) -> Coverage:
-    cure = "Give a certificate.json written by better certify"
+    cure = "Use a certificate.json written by better certify"
     data = read_bounded(file, max_bytes=MAX_BYTES, cure=cure) if isinstance(file, Path) else file.read_bytes()
     form = open_seal(data, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)

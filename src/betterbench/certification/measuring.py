@@ -91,9 +91,9 @@ def measure(
     for task in chosen:
         if number < len(task.training):
             problem = f"{number} demonstrations do not cover the {len(task.training)} training conditions of {task.id}"
-            raise InvalidInputError("--demonstrations", problem, "Give a larger number")
+            raise InvalidInputError("--demonstrations", problem, "Use a larger number")
     if not 1 <= workers <= 256:
-        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
+        raise InvalidInputError("--workers", f"{workers} is out of range", "Use a number from 1 to 256")
     plans = {task.id: planned_demonstrations(task, number) for task in chosen}
     planned = [trial for plan in plans.values() for trials in plan for trial in trials]
     with DemonstrationJournal(out, versions_in_use([t.id for t in chosen], robot=robot)) as journal:

@@ -73,7 +73,7 @@ def make_env(
         UnknownNameError: If a task, condition or setting is unknown.
     """
     if n_envs < 1:
-        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give a number of at least 1")
+        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Use a number of at least 1")
     if getattr(cfg, "max_parallel_tasks", 1) > 1:
         raise InvalidInputError(
             "max_parallel_tasks",

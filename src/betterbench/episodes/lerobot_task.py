@@ -54,7 +54,7 @@ def require_motors(actions: ActionSpace) -> None:
         raise InvalidInputError(
             "state",
             f"'motors' needs an action space in motor units, but the action space is {actions.name!r}",
-            f"Give the action space {' or '.join(sorted(OPENING_SPACES))}, or the state 'joints'",
+            f"Use the action space {' or '.join(sorted(OPENING_SPACES))}, or the state 'joints'",
         )
 
 

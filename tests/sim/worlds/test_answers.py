@@ -218,7 +218,7 @@ def test_an_address_says_that_answers_are_calvins():
         (
             "openpi://host?preset=openpi_droid",
             "calvin",
-            r"openpi_droid returns actions in joint_delta, .* Give preset=NAME \(starvla_calvin",
+            r"openpi_droid returns actions in joint_delta, .* Use preset=NAME \(starvla_calvin",
         ),
         (
             "being-h://host?preset=being_h_libero",

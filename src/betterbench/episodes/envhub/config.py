@@ -81,7 +81,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
             raise InvalidInputError(
                 "--env.task",
                 f"{self.task!r} stands for {len(named)} conditions, but this LeRobot version evaluates one at a time",
-                "Give one condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
+                "Use a single condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}

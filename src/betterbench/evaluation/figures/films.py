@@ -118,7 +118,7 @@ def write_video(
         InvalidInputError: If the side length of the images [pixel] is odd.
     """
     if size % 2:
-        raise InvalidInputError("--size", f"{size} is odd", "Give an even number of pixels")
+        raise InvalidInputError("--size", f"{size} is odd", "Use an even number of pixels")
     record = run.read_record(task, condition, seed)
     path = out or run.video_path(task, condition, seed, camera=camera)
     with LimitedView(quality="standard", size=size) as view:

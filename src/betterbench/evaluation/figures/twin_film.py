@@ -78,7 +78,7 @@ class FilmLook:
     def __post_init__(self) -> None:
         if self.size % 2 or self.size < 64:
             raise InvalidInputError(
-                "--size", f"{self.size} pixels are odd or too few", "Give an even number of at least 64 pixels"
+                "--size", f"{self.size} pixels are odd or too few", "Use an even number of at least 64 pixels"
             )
 
 

@@ -85,7 +85,7 @@ def repeated_plan(
     where = run.path / "run.json"
     if not run.world.measured:
         problem = f"{where} is a run in {run.world.title}, but only runs in betterbench's own world can be repeated"
-        raise InvalidInputError("--from", problem, "Give --suite and the other options of that run instead")
+        raise InvalidInputError("--from", problem, "Use --suite and the other options of that run instead")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
         require_trust(stored.policy, where=str(where))

@@ -144,7 +144,7 @@ class ReplayProof:
                     return cure
         if self.wrong == ("gripper",):
             return "Its polarity is reversed: give gripper=open_positive, or the convention of the policy."
-        return "Give another preset, or correct action_space, units, frame, rotation or gripper."
+        return "Choose another preset, or correct action_space, units, frame, rotation or gripper."
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as a JSON-serializable dict."""

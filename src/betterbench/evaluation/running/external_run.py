@@ -248,7 +248,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
                 raise
             time.sleep(_RETRY_S)
     run = RunFolder.open(out)
-    require_same(out, run.plan, form, "run", where="plan", cure="Give the same settings to resume it")
+    require_same(out, run.plan, form, "run", where="plan", cure="Use the same settings to resume it")
     return run
 
 

@@ -81,7 +81,7 @@ def open_server(
         UnknownNameError: If the policy, task, condition or preset does not exist.
     """
     if not 1 <= chunk <= MAX_CHUNK:
-        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give a number from 1 to {MAX_CHUNK}")
+        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Use a number from 1 to {MAX_CHUNK}")
     if not 1 <= batch <= 1024:
         raise InvalidInputError("--batch", f"{batch} is out of range", "Use a number from 1 to 1024")
     if not 1 <= clients <= MOST_CLIENTS:

@@ -137,7 +137,7 @@ class Worker:
         ``on_step`` is called after every control step of any trial.
         """
         if not 1 <= settings.envs <= MAX_ENVS:
-            raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+            raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Use a number from 1 to {MAX_ENVS}")
         self._settings = settings
         self._trial_runner = TrialRunner(settings, policies=policies, on_step=on_step)
         needs = self._trial_runner.policies.needs

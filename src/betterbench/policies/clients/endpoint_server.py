@@ -49,7 +49,7 @@ class EndpointServer:
             hint = (
                 ""
                 if "nauthorized" not in str(error)
-                else (" Give api_key_env=NAME with the environment variable that contains the server's token.")
+                else (" Add api_key_env=NAME to the address, where NAME is the environment variable with the token.")
             )
             raise HandshakeError(f"{error}{hint}") from error
 

@@ -224,10 +224,10 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
     seen = _specs(who, hello, "observation_spec")
     if parameters.get("absolute_action") is True and adapter.answer.space not in _ABSOLUTE:
         cure = {
-            CALVIN_DELTA.name: "Give preset=vla_eval_calvin_absolute",
+            CALVIN_DELTA.name: "Use preset=vla_eval_calvin_absolute",
             EE_DELTA.name: "In LIBERO, give preset=vla_eval_absolute. In betterbench's own scenes, give "
             "action_space=ee_pose with the rotation format of the model, and --action-space ee_pose",
-        }.get(adapter.answer.space, "Give an adapter that reads absolute poses")
+        }.get(adapter.answer.space, "Use an adapter that reads absolute poses")
         raise HandshakeError(
             f"action: the server returns absolute poses, but adapter {adapter.name} reads {adapter.answer.space}. "
             f"{cure}."

@@ -195,7 +195,7 @@ class Adapter:
         for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
             if not all(abs(v) < 100.0 for v in offset):
                 raise InvalidInputError(
-                    f"adapter {self.name}: {name}", "the value is out of range", "Give the offset in meters"
+                    f"adapter {self.name}: {name}", "the value is out of range", "Write the offset in meters"
                 )
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
@@ -365,7 +365,7 @@ class Adapter:
         """
         where = f"adapter {path}"
         form = read_form(
-            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
+            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Use a JSON file"), where=where, cure=_CURE
         )
         return cls.from_json({"name": path.stem, **form}, where=where)
 

@@ -175,13 +175,13 @@ class AnswerRule:
                 raise InvalidInputError(
                     f"answer: {part.kind}",
                     f"the number of columns, {part.size}, is out of range",
-                    "Give at least one column",
+                    "Use at least one column",
                 )
             if part.kind == "unused" and part.size is None:
                 raise InvalidInputError(
                     "answer: unused",
                     "the number of columns is missing",
-                    "Give the number of columns as its size, such as 1",
+                    "Set size to the number of columns, such as 1",
                 )
             if part.kind != "unused" and part.size not in (None, self._natural(part.kind)):
                 raise InvalidInputError(

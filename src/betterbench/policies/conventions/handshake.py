@@ -204,7 +204,7 @@ def space_cure(space: str) -> str:
     The instruction is different for LIBERO and CALVIN, because no option can select their action space.
     """
     return (
-        f"Give --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
+        f"Use --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
     )
 
 

@@ -541,7 +541,7 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
     """Create the error for actions that a benchmark does not support, with a remedy that fits the benchmark."""
-    world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
+    world, offered = _WORLD_NAMES[address.world], f"Use preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
         offered = f"Use it with --suite {suite}; in betterbench's own scenes, {offered[0].lower()}{offered[1:]}"

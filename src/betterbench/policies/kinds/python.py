@@ -39,7 +39,7 @@ def load_plugin(address: str) -> Policy:
         made = getattr(module, name)
     except AttributeError:
         raise InvalidInputError(
-            f"policy python:{address}", f"{where} has no {name!r}", "Give the name of a class in that module"
+            f"policy python:{address}", f"{where} has no {name!r}", "Use the name of a class in that module"
         ) from None
     policy = _instance(address, name, made, arguments)
     require_policy(policy, f"policy python:{address}")

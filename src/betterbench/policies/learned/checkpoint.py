@@ -29,7 +29,7 @@ ACTION_SPACE = "ee_delta"
 """Action space in which a learner returns its actions."""
 _KEY = "betterbench"
 _MAX_BYTES = 1 << 30
-_CURE = "Give a checkpoint.safetensors written by better train, or train again"
+_CURE = "Use a checkpoint.safetensors written by better train, or train again"
 _VOCABULARY = TypeAdapter(Vocabulary)
 
 

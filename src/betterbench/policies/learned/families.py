@@ -134,17 +134,17 @@ def _wrong(name: object, sees: object, capacities: object, parts: object, option
             'Write @learner("mine", sees="objects") or sees="pixels"',
         )
     if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
-        yield f"its capacities have the names {_listed(capacities)}", f"Give the names {', '.join(_SIZES)}"
+        yield f"its capacities have the names {_listed(capacities)}", f"Use the names {', '.join(_SIZES)}"
     elif not all(isinstance(size, Capacity) for size in capacities.values()):
-        yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity object for each size"
+        yield f"its capacities are {_listed(capacities.values())}", "Use a Capacity object for each size"
     if not isinstance(parts, tuple | list) or not all(isinstance(part, str) and part for part in parts):
-        yield f"its parts are {parts!r}", 'Give the names of modules: parts=("trunk",)'
+        yield f"its parts are {parts!r}", 'List the names of modules: parts=("trunk",)'
     if not isinstance(options, Mapping) or not all(isinstance(option, str) for option in options):
-        yield f"its options are {options!r}", 'Give names with defaults: options={"depth": 2}'
+        yield f"its options are {options!r}", 'Map names to default values: options={"depth": 2}'
         return
     for option, default in options.items():
         if not isinstance(default, bool | int | float | str) or (isinstance(default, float) and not isfinite(default)):
-            yield f"the default of its option {option!r} is {default!r}", "Give a finite number, a string or a boolean"
+            yield f"the default of its option {option!r} is {default!r}", "Use a finite number, a string or a boolean"
 
 
 def _listed(given: object) -> str:

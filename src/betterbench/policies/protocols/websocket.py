@@ -181,7 +181,7 @@ class WebSocket:
                 )
                 return HandshakeError(
                     f"{self._where} rejects this client (HTTP {status}). "
-                    f"Give api_key_env=NAME with the environment variable that contains the key.{other}"
+                    f"Add api_key_env=NAME to the address, where NAME is the environment variable with the key.{other}"
                 )
             if status in _ABSENT:
                 return HandshakeError(
