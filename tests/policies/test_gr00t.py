@@ -728,7 +728,7 @@ def test_an_action_under_two_names_is_refused():
     twice = [{**chunk()[0], "action.gripper": array(np.zeros((1, 8, 1)))}, {}]
     with Server({"get_action": twice}) as server, contextlib.closing(connect_gr00t(server.address())) as policy:
         policy.reset(START)
-        with pytest.raises(PolicyError, match="'gripper' is given twice"):
+        with pytest.raises(PolicyError, match="'gripper' occurs twice"):
             policy.act(seen())
 
 

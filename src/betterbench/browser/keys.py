@@ -40,7 +40,7 @@ _KEYS = TypeAdapter(PageKeys)
 
 
 def read_keys(text: str) -> PageKeys:
-    """Parse a message of the page's script. Raises InvalidInputError if it is malformed."""
+    """Parse a message that the page's script has sent. Raises InvalidInputError if it is malformed."""
     data = text.removeprefix(MARK).encode(errors="replace")
     return read_form(_KEYS, data, where="page", cure="Reload the page")
 

@@ -21,7 +21,7 @@ The values correspond to none, 2 cm/s and 4 cm/s.
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """Policy of a calibration, with the number of its trials and its first seed."""
+    """Policy that is run in a calibration, with its number of trials and its first seed."""
 
     address: Address
     trials: int

@@ -193,7 +193,7 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return, for each trial, the faulty rules that agreed with all decisions of the expert."""
+    """Return, for each trial, the names of the faulty rules that agreed with every decision of the expert."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

@@ -54,7 +54,7 @@ def run_plans(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> tuple[RunFolder, ...]:
-    """Run plans, each in a folder with the given name inside ``out``. The same call resumes them.
+    """Run several plans, each in the folder with the given name inside ``out``. Calling this again resumes them.
 
     Raises:
         RunConflictError: If a folder contains a different run.

@@ -177,7 +177,7 @@ class Certificate:
     def to_json(self) -> dict[str, Any]:
         """Return the certificate as a JSON-serializable dict.
 
-        The dict includes a summary per condition for readers, which :meth:`from_json` ignores.
+        For human readers, the dict includes a summary per condition, which :meth:`from_json` ignores.
         """
         form = asdict(self)
         form["seeds"] = seed_ranges(self.seeds)
@@ -212,7 +212,7 @@ _CERTIFICATE = TypeAdapter(Certificate)
 def _is_ambiguous(task: str, condition: str) -> bool:
     """Return whether the instruction of a condition assumes something false about the scene.
 
-    False for unknown conditions.
+    Return False for an unknown condition.
     """
     try:
         return resolve_condition(task, condition).condition.expected is Expected.AMBIGUOUS

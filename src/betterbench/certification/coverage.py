@@ -97,10 +97,10 @@ class Coverage:
         return cls(certificate.versions, conditions)
 
     def only(self, current: CertificateVersions) -> Coverage:
-        """Return a coverage that contains only the given ones of its tasks.
+        """Return a coverage that contains only some of the tasks.
 
         Args:
-            current: Current versions, including those of the tasks to keep.
+            current: Current versions. Its tasks are the tasks to keep.
 
         Raises:
             InvalidInputError: If one of the tasks was certified with other versions.

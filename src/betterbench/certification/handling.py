@@ -112,7 +112,10 @@ class Preplaced:
 
 @dataclass(frozen=True, slots=True)
 class DrawerMove:
-    """Drawer that was opened or closed, with the slot in which its cabinet stands."""
+    """Motion primitive in which a drawer is opened or closed.
+
+    It contains the slot in which the drawer's cabinet stands.
+    """
 
     object: str
     kind: str
@@ -236,7 +239,10 @@ class Handling:
     def _put(
         self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
     ) -> Put:
-        """Return the put of an object. Without a target, the object was dropped on the way."""
+        """Return the motion primitive of putting down an object.
+
+        If no target is given, the object was dropped on the way.
+        """
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state
@@ -262,7 +268,7 @@ class Handling:
 def _middle_of(state: WorldState, target: str, relation: str | None, region: str) -> Pose:
     """Return the pose ``T_world_middle`` of the center of a target region.
 
-    Without a relation, return the object's pose.
+    If no relation to a target is given, return the object's pose.
     """
     frame = state.pose(target)
     if relation is None:

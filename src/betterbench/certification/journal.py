@@ -73,7 +73,7 @@ def holds_journal(folder: Path) -> bool:
 
 
 class VersionedJournal(LineJournal):
-    """Journal that can be resumed only with the same versions, by one process at a time.
+    """Journal that can be resumed only with the same versions, and only by one process at a time.
 
     Raises:
         RunConflictError: If another process writes to the folder, or if the journal was started with other versions.

@@ -130,9 +130,9 @@ def destination(task: str) -> Path | None:
 
 
 def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
-    """Write the measurements into the package or, for tasks that user files define, next to these files.
+    """Write the measurements into the package or, for tasks defined in user files, next to these files.
 
-    Return the paths.
+    Return the paths of the written files.
     """
     files: dict[Path | None, dict[str, Demonstrated]] = {}
     for task, measured in found.items():

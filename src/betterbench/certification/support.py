@@ -46,7 +46,7 @@ class Found:
 
 
 class Apart(NamedTuple):
-    """Largest deviation of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
+    """Largest deviations of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
 
     aside_m: float
     turned: float
@@ -250,14 +250,14 @@ def _offset_m(pose: Pose, trained: FlatPose) -> float:
 
 
 def _turn(pose: Pose, trained: FlatPose) -> float:
-    """Return the yaw of a pose relative to a pose in training, in [-pi, pi] [rad]."""
+    """Return the yaw of a pose relative to a pose in training [rad]. It is in [-pi, pi]."""
     return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance from a pose to the border of the region in which objects vary in a slot [m].
+    """Return how far a pose is inside the region of a slot in which the positions of objects vary [m].
 
-    Negative outside.
+    The distance is measured to the border of the region. It is negative outside.
     """
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

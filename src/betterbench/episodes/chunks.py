@@ -110,7 +110,7 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Return whether the policy gets a request at a step that follows the current action."""
+        """Return whether the policy will get a request at the given control step, which follows the current action."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked

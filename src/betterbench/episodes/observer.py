@@ -42,7 +42,10 @@ def observation_of(
 
 
 class Observer:
-    """Source of observations. It keeps renderers by model, because creating one takes tens of milliseconds."""
+    """Source of observations.
+
+    It keeps one renderer per model, because creating a renderer takes tens of milliseconds.
+    """
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
         """Create an observer that keeps up to ``renderers`` renderers, one per model."""

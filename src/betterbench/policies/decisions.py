@@ -145,7 +145,7 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     """Choose an object for a subgoal, or return None if there is none left.
 
-    The choice is drawn by seed among the equivalent objects that are not yet at the target.
+    The object is drawn, using the seed of the trial, from the equivalent objects that are not yet at the target.
     """
     goals = situation.condition.instruction.subgoals
     goal = goals[index]
@@ -169,7 +169,10 @@ class ExpertRule:
         self.situation = situation
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the decision for the first subgoal that has not been reached, or to stop if there is none."""
+        """Return the decision for the first subgoal that has not been reached.
+
+        If all subgoals have been reached, return the decision to stop.
+        """
         del history
         index = open_subgoal(state, self.situation.condition)
         return Rest() if index is None else self.bring(state, index)

@@ -40,7 +40,7 @@ class CameraPhoto(NamedTuple):
 class ViewRenderer:
     """Renderer of recorded states, which also finds the visible objects.
 
-    Used in a ``with`` block, it ends its process.
+    It renders in a separate process, which is ended at the end of a ``with`` block.
     """
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:

@@ -1,4 +1,4 @@
-"""Statistical power of a plan: the smallest differences in success that its trials can show."""
+"""Statistical power of a plan: the smallest differences in success that its trials can detect."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a m
 
 
 def first_line(error: Exception) -> str:
-    """Return the first line of an error message of Ray, without the traceback."""
+    """Return the first line of one of Ray's error messages, without the traceback."""
     cause = getattr(error, "cause", None)
     text = str(error) if cause is None else f"{type(cause).__name__}: {cause}"
     return (text.splitlines() or [type(error).__name__])[0][:200].rstrip(".: ")

@@ -131,7 +131,9 @@ class ExternalRun:
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Begin the episode of a trial in the plan, and return the first observation. A current episode is abandoned.
+        """Begin the episode of a trial in the plan, and return the first observation.
+
+        An episode that is still running is abandoned.
 
         Raises:
             PolicyError: If the trial failed with an error. The journal contains the reason.

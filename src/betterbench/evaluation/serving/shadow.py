@@ -247,7 +247,7 @@ class ShadowSimulations:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Stop counting a client, and drop simulations that are no longer needed."""
+        """Note that a client has left, and drop simulations that are no longer needed."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()

@@ -1,1 +1,1 @@
-"""Workers that run several trials alternately in one thread, and a pool of worker processes on this machine."""
+"""Workers that run several trials in turn in one thread, and a pool of worker processes on this machine."""

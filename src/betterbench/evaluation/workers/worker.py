@@ -132,7 +132,7 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine what the policy needs. The worker closes ``policies``, or creates its own if this is None.
+        """Determine what the policy needs. The worker closes ``policies``. If it is None, the worker creates a factory.
 
         ``on_step`` is called after every control step of any trial.
         """

@@ -244,7 +244,7 @@ _LOADING = threading.Lock()
 
 
 def load_checkpoint(address: PolicyAddress) -> Checkpoint:
-    """Load the checkpoint of an address "lerobot:CHECKPOINT". Policies in the same process share a loaded checkpoint.
+    """Load the checkpoint that an address "lerobot:CHECKPOINT" names. Policies in the same process share it.
 
     Raises the errors of :class:`Checkpoint`.
     """

@@ -232,7 +232,7 @@ class HttpActClient(ServerClient[HttpServer]):
     def _dial(self, timeout_s: float) -> HttpServer:
         """Check that the server accepts connections.
 
-        If it describes its model, compare the description with the adapter.
+        If the server describes its model, compare the description with the adapter.
         """
         end = time.monotonic() + timeout_s
         server = HttpServer(self._address, self._key, timeout_s=timeout_s)

@@ -61,7 +61,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next action chunks of several environments, which are requested together."""
+        """Return the next action chunk of each of several environments. The chunks are requested together."""
         payload: dict[str, Any] = {"examples": [self._example(observation) for observation in observations]}
         for constant in self.adapter.constants:
             set_entry(payload, constant.key, constant.value)

@@ -134,7 +134,7 @@ def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 class PrivilegedAgent:
     """Privileged policy for one episode, which consists of a decision rule and motor skills.
 
-    It is subject to the same limits as any other policy.
+    Its actions are subject to the same limits as those of any other policy.
     """
 
     def __init__(

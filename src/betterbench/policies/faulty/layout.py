@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Layout(BrokenRule):
-    """Rule that begins at the slot where demonstrations picked most often, then works on the remaining subgoals."""
+    """Rule that first picks at the slot from which demonstrations pick most often, then works on other subgoals."""
 
     label = empty_label = place_label = Label.VISUAL_LAYOUT_BIAS
 

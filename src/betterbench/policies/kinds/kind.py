@@ -279,7 +279,7 @@ def make_policy(address: str, *, world: str = "") -> Policy:
         InvalidInputError: If an option is malformed, or if the policy cannot be loaded or does not use observations.
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the policy's server declares different conventions than the client.
-        MissingDependencyError: If an extra is not installed.
+        MissingDependencyError: If a package that the policy needs is not installed.
     """
     kind = kind_of(address)
     read = kind.parse(address, world=world)
@@ -295,7 +295,7 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
         UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range, if a checkpoint or a record is missing, or if the policy does
             not work in the benchmark to which the scene belongs.
-        MissingDependencyError: If an extra or a separate package is not installed.
+        MissingDependencyError: If a package that the policy needs is not installed.
     """
     kind = kind_of(address)
     read = kind.parse(address)
