@@ -83,7 +83,7 @@ def test_a_client_with_another_robot_is_told_both():
         (
             "so101",
             "openpi_libero",
-            "uses the action space 'ee_delta', but the SO-101 follower arm is served in 'so101_degrees'",
+            "uses the action space 'ee_delta', but the SO-101 follower arm is served with 'so101_degrees'",
         ),
         ("so100", None, "Did you mean 'so101'"),
     ],
@@ -98,7 +98,7 @@ def test_a_replayed_demonstration_proves_the_arms_own_units(tmp_path):
     layout = "lerobot_so101_normalized"
     file = tmp_path / "layout.json"
     file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")
-    with pytest.raises(InvalidInputError, match="'so101_normalized', but the SO-101 follower arm is served in"):
+    with pytest.raises(InvalidInputError, match="'so101_normalized', but the SO-101 follower arm is served with"):
         open_server("expert", port=0, robot="so101", layout=layout)
     layout = "lerobot_so101_degrees"
     file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")

@@ -56,7 +56,7 @@ def certify(
         RecordError: If the journal is corrupt.
     """
     if not trials:
-        raise InvalidInputError("trials", "there are no trials to certify", "Give at least one trial")
+        raise InvalidInputError("trials", "there are no trials to certify", "Pass at least one trial")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Use a number from 1 to 256")
     for trial in trials:

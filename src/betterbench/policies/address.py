@@ -170,7 +170,7 @@ class AddressForm:
                 cure = f"Give {option.meaning} as {name}=VALUE, or omit {name}"
                 raise InvalidInputError(where, f"{name} has no value", cure)
         if len(options) < len(pairs):
-            raise InvalidInputError(where, "an option is given twice", "Give each option once")
+            raise InvalidInputError(where, "an option is given twice", "Use each option only once")
         return options
 
 

@@ -171,7 +171,7 @@ class PolicyFactory:
                 raise HandshakeError(
                     f"{self.address}: the policy has changed since the run began: {found[0]} was {found[1]} "
                     f"and is now {found[2]}. Start the server with the first policy and run the same command "
-                    "again, or give --allow-changed-policy to continue with both policies in one run."
+                    "again, or use --allow-changed-policy to continue with both policies in one run."
                 )
         return made
 

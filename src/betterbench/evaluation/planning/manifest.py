@@ -93,7 +93,7 @@ def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: boo
     if not allow_changed:
         raise RunConflictError(
             f"{run.path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. "
-            "Start the original policy, choose another folder, or give --allow-changed-policy to continue "
+            "Start the original policy, choose another folder, or use --allow-changed-policy to continue "
             "with both policies in one run."
         )
     entry = {

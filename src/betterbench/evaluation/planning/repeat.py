@@ -105,7 +105,7 @@ def repeated_plan(
     if differences and not allow_other_versions:
         raise RunConflictError(
             f"{where}: results would differ from the original run, because {'; '.join(differences)}. "
-            "Install the versions of the original run, or give --allow-other-versions and treat the results as a "
+            "Install the versions of the original run, or use --allow-other-versions and treat the results as a "
             "separate run."
         )
     return plan
@@ -120,7 +120,7 @@ def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
     if difference is not None:
         raise RunConflictError(
             f"{path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. Start "
-            "the original policy again, or give --allow-changed-policy and treat the results as a different policy."
+            "the original policy again, or use --allow-changed-policy and treat the results as a different policy."
         )
 
 

@@ -37,6 +37,6 @@ def require_trust(address: str, *, where: str) -> None:
     if risks:
         raise InvalidInputError(
             where,
-            f"its policy {one_line(address)} {' and '.join(risks)}",
+            f"the policy {one_line(address)} {' and '.join(risks)}",
             "Use --trust if you trust the author of this file, or --policy to evaluate another policy",
         )

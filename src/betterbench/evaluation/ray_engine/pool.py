@@ -237,7 +237,7 @@ class RayPool:
             there = ", ".join(f"{name} {value} (here {here[name]})" for name, value in sorted(other.items()))
             raise InvalidInputError(
                 "--engine ray",
-                f"a machine of the cluster has other versions than this machine: {there}",
+                f"a machine in the cluster has different software versions than this machine: {there}",
                 "Install the same versions on all machines",
             )
         if "problem" in versions:

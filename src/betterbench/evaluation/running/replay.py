@@ -81,12 +81,14 @@ def check_record(path: Path) -> ReplayCheck:
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
             f"{path}: the scene has changed since the recording ({', '.join(notes) or 'same versions'}). "
-            "Record it again."
+            "Record the trial again."
         )
     try:
         again, truth, met = _simulate(scene, record, found)
     except InvalidActionError as problem:
-        raise RecordError(f"{path}: the recorded actions cannot be executed ({problem}). Record it again.") from problem
+        raise RecordError(
+            f"{path}: the recorded actions cannot be executed ({problem}). Record the trial again."
+        ) from problem
     return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, truth, met))
 
 

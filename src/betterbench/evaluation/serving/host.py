@@ -104,8 +104,8 @@ class Host:
         self._restarts += not hung
         if self._restarts > MAX_RESTARTS:
             raise PolicyError(
-                f"{self._policy}: its process died {self._restarts} times (status {status}). Run the same "
-                "command again with --workers 1 to see why."
+                f"{self._policy}: the process of the policy died {self._restarts} times (status {status}). Run "
+                "the same command again with --workers 1 to see why."
             )
         how = "hangs" if hung else f"died (status {status})"
         logger.warning("the process of %s %s and is restarted", self._policy, how)

@@ -194,7 +194,7 @@ class ShadowSimulation:
         raise PolicyError(
             f"{self.trial} step {step}: the client's robot is not where the returned actions lead (the joints "
             f"differ by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} "
-            "m). The client executed other actions, or it has another version or another kind of CPU"
+            "m). The client executed other actions, or uses a different version of betterbench or another kind of CPU"
         )
 
 

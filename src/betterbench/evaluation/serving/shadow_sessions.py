@@ -185,6 +185,6 @@ def require_layout(layout: Adapter, robot: str, own_space: str) -> None:
     if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
         raise InvalidInputError(
             "--layout",
-            f"{layout.name} uses the action space {space!r}, but the {spec.title} is served in {own_space!r}",
+            f"{layout.name} uses the action space {space!r}, but the {spec.title} is served with {own_space!r}",
             "Choose a layout with this action space, or omit --layout",
         )

@@ -85,7 +85,7 @@ class Features:
         if len(shape) != 1:
             raise InvalidInputError(
                 where,
-                f"its outputs are {one_line(sorted(outputs), most=200)} instead of one action vector",
+                f"the outputs of the checkpoint are {one_line(sorted(outputs), most=200)} instead of one action vector",
                 "Use a policy whose only output is 'action'",
             )
         return cls(images, states, int(shape[0]))
@@ -152,7 +152,7 @@ class Checkpoint:
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where,
-                f"LeRobot cannot load it ({problem})",
+                f"LeRobot cannot load the checkpoint ({problem})",
                 "Use the folder or hub ID of a checkpoint of LeRobot 0.4 or newer",
             ) from error
         self.policy = made.to(self.device).eval()
@@ -176,7 +176,9 @@ class Checkpoint:
     def _check_config(self, path: str, where: str) -> None:
         if getattr(self.config, "use_peft", False):
             raise InvalidInputError(
-                where, "it contains only a PEFT adapter", "Merge the adapter into its base model and save the result"
+                where,
+                "the checkpoint contains only a PEFT adapter",
+                "Merge the adapter into its base model and save the result",
             )
         folder = Path(path)
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():

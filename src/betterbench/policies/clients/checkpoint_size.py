@@ -38,7 +38,7 @@ def require_short_horizons(config: object, where: str) -> None:
         if isinstance(value, int | float) and value > _MOST_STEPS:
             raise InvalidInputError(
                 where,
-                f"{name} in its config.json is {one_line(value, most=40)}, but at most {_MOST_STEPS} is supported",
+                f"{name} in config.json is {one_line(value, most=40)}, but at most {_MOST_STEPS} is supported",
                 "Correct config.json, or save the checkpoint again",
             )
 
@@ -68,7 +68,7 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
             size = f"{most:,} parameters" if seen > most else f"{_MOST_TENSORS:,} weight tensors"
             raise InvalidInputError(
                 where,
-                f"its config.json describes a network with more than {size}, but the weights file has only "
+                f"config.json describes a network with more than {size}, but the weights file has only "
                 f"{file_bytes:,} bytes",
                 "Use a config.json and weights that belong to the same checkpoint",
             )

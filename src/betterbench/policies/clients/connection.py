@@ -233,7 +233,7 @@ def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
         return None
     key = os.environ.get(name, "")
     if not key or not key.isascii() or not key.isprintable():
-        raise address.error(f"the environment variable {name} contains no key", f"Set {name}")
+        raise address.error(f"the environment variable {name} contains no key", f"Set {name} to the key")
     return key
 
 

@@ -297,7 +297,7 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
         sized = ", ".join(name for name in OWN_SPACES if action_space(name).dim == features.action)
         raise InvalidInputError(
             where,
-            f"the meaning of the {features.action} numbers of its actions is unknown",
+            f"the meaning of the {features.action} numbers in an action is unknown",
             f"Add action_space=NAME to the policy address ({sized}), or adapter=FILE"
             if sized
             else "Add adapter=FILE, where FILE describes the parts of the answer",

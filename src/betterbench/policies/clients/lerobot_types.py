@@ -66,13 +66,15 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
     release = _release()
     if kind in REWARD_MODELS:
         raise InvalidInputError(
-            where, f"its type {kind} is a reward model, which does not return actions", "Use the checkpoint of a policy"
+            where,
+            f"the checkpoint type {kind} is a reward model, which does not return actions",
+            "Use the checkpoint of a policy",
         )
     if kind not in known:
         listed = ", ".join(_with_extra(name) for name in sorted(set(known) - set(REWARD_MODELS)))
         raise InvalidInputError(
             where,
-            f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
+            f"the checkpoint type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
             f"Install a release that supports this type, or use a checkpoint of one of these types: {listed}",
         )
     needs = POLICY_TYPES.get(kind, Needs())

@@ -178,7 +178,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
                 raise HandshakeError(
                     f"{self._where} has changed after a restart: {one_line(name, most=100)} was {was} and is "
                     f"now {now}. Start the server with the first policy and run the same command again, or "
-                    "give --allow-changed-policy to continue with both policies in one run."
+                    "use --allow-changed-policy to continue with both policies in one run."
                 )
 
     @property

@@ -225,7 +225,7 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
     if parameters.get("absolute_action") is True and adapter.answer.space not in _ABSOLUTE:
         cure = {
             CALVIN_DELTA.name: "Use preset=vla_eval_calvin_absolute",
-            EE_DELTA.name: "In LIBERO, give preset=vla_eval_absolute. In betterbench's own scenes, give "
+            EE_DELTA.name: "In LIBERO, use preset=vla_eval_absolute. In betterbench's own scenes, use "
             "action_space=ee_pose with the rotation format of the model, and --action-space ee_pose",
         }.get(adapter.answer.space, "Use an adapter that reads absolute poses")
         raise HandshakeError(

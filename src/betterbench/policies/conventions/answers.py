@@ -201,7 +201,7 @@ class AnswerRule:
         if given != ["action"] and sorted(kinds) != sorted(needed):
             raise InvalidInputError(
                 "answer",
-                f"it has {', '.join(given) or 'nothing'}",
+                f"the answer has {', '.join(given) or 'nothing'}",
                 f"{self.space} needs each of {', '.join(sorted(needed))} once. A translation or rotation may "
                 "also be given as three axes (translation_x, translation_y, translation_z)",
             )

@@ -151,7 +151,7 @@ def read_server(who: str, form: object) -> Declaration:
     except (BetterError, ValidationError) as error:
         problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else one_line(error)
         raise HandshakeError(
-            f"{who}: its declared conventions cannot be read ({problem}). Update the server."
+            f"{who}: the declared conventions cannot be read ({problem}). Update the server."
         ) from error
     return replace(declare_space(who, declared), preset=told.preset, rate_hz=told.control_rate_hz, cameras=told.cameras)
 
@@ -192,7 +192,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
         require_depth(value, MAX_DECLARED_DEPTH)
     except ValueError as error:
         raise HandshakeError(
-            f"{who}: its declaration cannot be read: {error}. The server should declare maps that are not "
+            f"{who}: the declaration cannot be read: {error}. The server should declare maps that are not "
             "deeply nested."
         ) from error
     return value

@@ -123,7 +123,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     finite = weights if trained.recipe.built_in else dict(network.named_parameters())
     broken = next((name for name, tensor in finite.items() if not bool(tensor.isfinite().all())), None)
     if broken is not None:
-        raise InvalidInputError(str(path), f"its weights are not finite ({broken})", _CURE)
+        raise InvalidInputError(str(path), f"the weights of the checkpoint are not finite ({broken})", _CURE)
     return network.eval(), trained
 
 
@@ -180,9 +180,11 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
         vocabulary = read_form(_VOCABULARY, about["vocabulary"], where=f"{where}: vocabulary", cure=_CURE)
         step, data, space = about["step"], about["data"], about["action_space"]
     except KeyError as error:
-        raise InvalidInputError(where, f"its header lacks {error}", _CURE) from error
+        raise InvalidInputError(where, f"the header of the checkpoint lacks {error}", _CURE) from error
     if type(step) is not int or step < 0:
-        raise InvalidInputError(where, f"its header has {step!r} as the number of training steps", _CURE)
+        raise InvalidInputError(
+            where, f"the header of the checkpoint has {step!r} as the number of training steps", _CURE
+        )
     code = about.get("code")
     return Trained(recipe, vocabulary, step, str(data), str(space), None if code is None else str(code))
 

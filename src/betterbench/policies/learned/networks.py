@@ -25,13 +25,13 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     where = f"learner {recipe.family!r}"
     if not isinstance(network, LearnerNetwork):
         raise InvalidInputError(
-            where, f"expected a LearnerNetwork, got {type(network).__name__}", "Derive it from LearnerNetwork"
+            where, f"expected a LearnerNetwork, got {type(network).__name__}", "Derive the class from LearnerNetwork"
         )
     first: dict[int, str] = {}
     for name, tensor in network.state_dict().items():
         if not isinstance(tensor, Tensor):
             raise InvalidInputError(
-                where, f"its saved state {name} is not a tensor", "Store it as a buffer or an option"
+                where, f"the saved state {name} is not a tensor", "Store this state as a buffer or an option"
             )
         if isinstance(tensor, UninitializedTensorMixin):
             raise InvalidInputError(where, f"the shape of {name} is unknown", "Do not use lazy modules")
@@ -39,13 +39,13 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
             continue
         if (other := first.setdefault(tensor.data_ptr(), name)) != name:
             raise InvalidInputError(
-                where, f"its weights {other} and {name} are the same tensor", "Register the tensor under one name"
+                where, f"the weights {other} and {name} are the same tensor", "Register the tensor under one name"
             )
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)
     if missing is not None:
         raise InvalidInputError(
             where,
-            f"its network has no part {missing!r}, which the recipe freezes",
+            f"the network has no part {missing!r}, which the recipe freezes",
             "Correct the parts of the network, or the recipe",
         )
     return network

@@ -310,8 +310,8 @@ class _Started(AskedProcess):
             how = self.finish()
             kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
             raise kind(
-                f"{self._address}: its process ended while loading ({how}); see its output above. Load it in a "
-                "Python shell to see why"
+                f"{self._address}: the process of the policy ended while loading ({how}); see its output above. "
+                "Load the policy in a Python shell to see why"
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared

@@ -171,7 +171,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
         named = re.search(r"GLOBAL ([\w.]+)", problem)
         reason = f"the file would call {named.group(1)}, which is not allowed" if named else problem[:200]
         raise PolicyError(
-            f"torch payload of {len(data)} bytes: it cannot be read ({reason or type(error).__name__})."
+            f"torch payload of {len(data)} bytes cannot be read ({reason or type(error).__name__})."
         ) from error
 
 
