@@ -276,7 +276,7 @@ def _ask_often(
         if ahead >= len(chunk):
             raise InvalidInputError(
                 "ahead",
-                f"the next chunk is requested {ahead} steps before a chunk ends, but a chunk has only {len(chunk)} actions",
+                f"the next chunk is requested {ahead} steps before the chunk ends, but it has only {len(chunk)} actions",
                 "Reduce the option ahead",
             )
     return chunks[0], times[0], tuple(times[1:])
