@@ -276,8 +276,8 @@ def _ask_often(
         if ahead >= len(chunk):
             raise InvalidInputError(
                 "ahead",
-                f"the next chunk is requested {ahead} steps before the chunk ends, but it has only {len(chunk)} actions",
-                "Reduce the option ahead",
+                f"ahead={ahead} is too large, because a chunk has {len(chunk)} actions",
+                "Use a smaller value of ahead",
             )
     return chunks[0], times[0], tuple(times[1:])
 

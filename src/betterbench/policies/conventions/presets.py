@@ -472,7 +472,7 @@ def own_preset(name: str) -> Adapter:
     if name not in OWN_PRESETS:
         raise InvalidInputError(
             f"preset {name}",
-            f"its action space {found.answer.space} is not available in betterbench's own scenes",
+            f"the action space {found.answer.space} is not available in betterbench's own scenes",
             f"Use one of {', '.join(presets_in(''))}",
         )
     return found

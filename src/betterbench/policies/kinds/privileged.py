@@ -59,7 +59,7 @@ def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):
-        raise needs_own_scenes(address, "uses the privileged state", "this world")
+        raise needs_own_scenes(address, "uses the privileged state", "this benchmark")
     return scene
 
 
@@ -87,7 +87,7 @@ def _make(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None)
 
     make = EXPERTS_IN.get(scene.world)
     if make is None:
-        raise needs_own_scenes(address, "plans with the privileged state", "this world")
+        raise needs_own_scenes(address, "plans with the privileged state", "this benchmark")
     return make(address.text, scene)
 
 

@@ -105,7 +105,7 @@ def _describe(address: PolicyAddress) -> PolicyInfo:
 def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> Replay:
     del scene
     if trial is None:
-        raise address.error("it can only replay trials of a run", "Use it with better eval")
+        raise address.error("a replay policy can only replay trials of a run", "Use it with better eval")
     base = trial.base_condition or trial.condition
     return Replay(address.target, task=trial.task, condition=trial.condition, base=base, seed=trial.seed)
 
