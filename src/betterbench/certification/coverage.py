@@ -171,7 +171,7 @@ class Coverage:
         return None
 
     def unsolved(self, trials: Iterable[TrialId]) -> tuple[TrialId, ...]:
-        """Return those of the given trials that are covered even though the expert did not solve them."""
+        """Return the given trials that are covered even though the expert did not solve them."""
         seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
         return tuple(t for t in trials if t.seed in seeds.get(f"{t.task}/{t.condition}", ()))
 

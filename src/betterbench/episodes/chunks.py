@@ -171,7 +171,7 @@ class Chunks:
         return observation
 
     def _answered(self, reply: Reply | None) -> np.ndarray:
-        """Note the time that a reply took, and return the array in it."""
+        """Store the time that a reply took, and return the array in the reply."""
         if reply is None:
             raise AssertionError("unreachable: a reply was due")
         self._latencies.append(reply.took_s)

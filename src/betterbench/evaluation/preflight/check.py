@@ -236,7 +236,7 @@ def run_preflight(
 def _first_question(
     policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
 ) -> tuple[Observation | None, Callable[[], np.ndarray]]:
-    """Begin the episode, and return its first observation and a function that requests actions.
+    """Begin the episode. Return its first observation and a function that requests actions.
 
     The observation is None for a privileged policy.
     """

@@ -306,7 +306,7 @@ class Worker:
         return replace(entry, wall={**entry.wall, **slot.figures, **loop})
 
     def _resize(self) -> None:
-        """Open or close environments until their number is the chosen one."""
+        """Open or close environments to reach the chosen number."""
         surplus = len(self._slots) - self._count.number
         if surplus > 0:
             for slot in [s for s in self._slots if s.steps is None and not s.connecting][:surplus]:

@@ -92,7 +92,7 @@ class AdaptedPolicy:
 
     @property
     def _compared(self) -> Declaration:
-        """Policy's conventions, in the form in which they are compared with those of a run."""
+        """Conventions of the policy, in the form in which they are compared with those of a run."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:

@@ -75,7 +75,7 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise HandshakeError if an adapter has other modalities than the server. The message quotes both.
+        """Raise HandshakeError if an adapter and the server have different modalities. The message quotes both.
 
         The key of the instruction is not compared, because the client uses the server's key.
         """

@@ -123,14 +123,14 @@ class BrokenRule(ExpertRule):
         return min(near)[1] if near else None
 
     def slots_of_word(self, word: str) -> tuple[str, ...]:
-        """Return those slots at which objects were picked for a word in training that apply to this scene."""
+        """Return the slots that training associates with a word, as far as they apply to this scene."""
         return self._in_this_scene(
             self.trained.word_slots.get(word, ()),
             lambda known, goal: known.resolve(goal.reference) if goal.word == word else (),
         )
 
     def slots_of_kind(self, kind: str) -> tuple[str, ...]:
-        """Return those slots at which objects of a kind were picked in training that apply to this scene."""
+        """Return the slots from which objects of a kind were picked in training, as far as they apply to this scene."""
         return self._in_this_scene(
             self.trained.kind_slots.get(kind, ()),
             lambda known, goal: [n for n in known.resolve(goal.reference) if known.object(n).kind == kind],
@@ -139,7 +139,7 @@ class BrokenRule(ExpertRule):
     def _in_this_scene(
         self, slots: tuple[str, ...], meant: Callable[[Condition, Subgoal], Sequence[str]]
     ) -> tuple[str, ...]:
-        """Return those of the slots known from training that apply to this scene.
+        """Return the slots known from training that apply to this scene.
 
         In most tasks, the training layouts fill different slots, so the filled slots show which layout the scene has.
         All given slots are then returned. If all layouts fill the same slots, the result contains the slots used in the

@@ -64,7 +64,7 @@ def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
 
 
 def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tuple[str, ...] = ()) -> InvalidInputError:
-    """Create the error for a policy that cannot act in other benchmarks than betterbench.
+    """Create the error for a policy that cannot act in benchmarks other than betterbench.
 
     Args:
         address: Address of the policy.

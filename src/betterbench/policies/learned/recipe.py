@@ -275,7 +275,7 @@ class TrainingRecipe:
                 raise InvalidInputError(f"options.{name}", problem, "Correct the value")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
-        """Return the fields that only one family uses, and whether this recipe sets each although it must not."""
+        """Return the fields that only one family uses, each with whether this recipe sets it for another family."""
         changed, pixels = self.augmentation, self.sees == "pixels"
         parts = learner_family(self.family).parts
         return (
