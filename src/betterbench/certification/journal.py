@@ -124,7 +124,10 @@ class VersionedJournal(LineJournal):
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield the JSON value of each line after the header. See :func:`~betterbench.jobs.line_journal.linked_forms`."""
+    """Yield each line after the header as a JSON object, together with the link that it contains.
+
+    See :func:`~betterbench.jobs.line_journal.linked_forms`.
+    """
     header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
     before = link_after("", header.to_json())
     yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)

@@ -33,7 +33,7 @@ class Inertia(BrokenRule):
         return right if absent is None or GraspAt(absent) in history else GraspAt(absent)
 
     def _first(self, state: WorldState) -> Decision | None:
-        """Return the decision for the most frequent first step in training, or None if training has no preference."""
+        """Return the decision for the most frequent first step in training, or None if it does not apply here."""
         habit = self.trained.habit
         goal = next((g for g in self.goals if carried(g)), self.goals[0])
         if habit is None:

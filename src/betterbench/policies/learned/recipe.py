@@ -56,7 +56,7 @@ class Augmentation:
 
     Attributes:
         object_noise_m: Standard deviation of the noise added to the position of each object [m].
-        shift_m: Maximum shift along x and y, by which the tool and all objects are moved together [m].
+        shift_m: Maximum distance along x and along y by which the tool and all objects are shifted together [m].
         shift_px: Maximum shift of an image along each axis [pixel]. The uncovered border is filled with the edge
             pixels. This is equivalent to padding followed by a random crop.
         light: Standard deviation of random changes to the contrast and brightness of images, as a fraction of the full

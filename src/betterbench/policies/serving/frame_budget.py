@@ -77,10 +77,7 @@ class MessageMeter:
             self.queued.popleft()
 
     def _read_head(self, data: bytes, at: int) -> int:
-        """Continue to parse the header of a frame.
-
-        Return the offset of the first byte that does not belong to the header.
-        """
+        """Continue to parse the header of a frame. Return the offset of the first byte that has not been read."""
         while at < len(data):
             self._head.append(data[at])
             at += 1
