@@ -174,7 +174,7 @@ def test_a_run_of_which_every_trial_broke_is_an_error(tmp_path):
     [
         (Broken, {}, "policy: Broken is a class. Pass an instance: Broken"),
         (object(), {}, "policy: object has no 'info'"),
-        (Broken(), {"workers": 2}, "workers: a policy instance can only be used in this process. Give one worker, or"),
+        (Broken(), {"workers": 2}, "workers: a policy instance can only be used in this process. Use one worker, or"),
         ("noop", {"trials": 0}, "trials: 0 is out of range. Use a number ≥ 1"),
         ("noop", {"workers": 0}, "workers: 0 is out of range"),
         ("noop", {"until_decided": True}, "trials: 1 are too few for a verdict"),

@@ -127,7 +127,7 @@ def test_tasks_that_were_certified_replace_their_part_of_the_packaged_certificat
 @pytest.mark.parametrize(
     ("changed", "text"),
     [
-        ({"fruit_lunch": 1}, "fruit_lunch was certified under .* fruit_lunch 1, .* but the versions in use are "),
+        ({"fruit_lunch": 1}, "fruit_lunch was certified with .* fruit_lunch 1, .* but the versions in use are "),
         ({"engine": "3.0.0"}, "MuJoCo 3.0.0"),
         ({"suite": "0.1"}, "suite 0.1"),
     ],

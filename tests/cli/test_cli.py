@@ -50,7 +50,7 @@ def test_a_run_in_which_every_trial_broke_is_no_success(capsys, tmp_path):
         status, out, err = run(capsys, "eval", *arguments, *last)
         assert status == 2
         said = " ".join(err.split())
-        assert "failed with an error, so nothing was measured. morning_coffee/train1/0: KeyError: 'wrist' (" in said
+        assert "failed with an error, so there is no result. morning_coffee/train1/0: KeyError: 'wrist' (" in said
         assert "mine.py, line 6, in act)" in said
     assert json.loads(out)["variations"] == {"k": 0, "n": 1}
     assert RunFolder.open(tmp_path / "run").entries()[0].status == "done"

@@ -120,7 +120,7 @@ def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
     ("arguments", "text"),
     [
         (("exprt",), "Did you mean 'expert'"),
-        (("replay:runs/x",), "Evaluate it directly"),
+        (("replay:runs/x",), "so it cannot be served. Evaluate it with"),
         (("expert", "--condition", "T1"), "Add --task TASK"),
         (("expert", "--task", "fast_food", "--condition", "T11"), "T1"),
         (("expert", "--task", "fast_food", "--seed", "-1"), "--seed"),

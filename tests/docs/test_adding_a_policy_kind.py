@@ -34,7 +34,7 @@ def test_the_kind_of_the_page_is_listed_and_read(sway, capsys):
     assert "sway:AXIS" in capsys.readouterr().out
     for address, text in (
         ("sway:x?amplitud=1", "Did you mean 'amplitude'"),
-        ("sway:x?amplitude=2", "Give the share of the largest action, from 0 to 1"),
+        ("sway:x?amplitude=2", "Set it to the share of the largest action, from 0 to 1"),
         ("sway:x?period=0", "Give a whole number such as 40"),
         ("sway:w", "Unknown axis 'w'"),
         ("sway", "Unknown policy 'sway'"),

@@ -420,7 +420,7 @@ def test_answers_arrive_as_arrays_or_as_an_error(plugin):
             "Unloadable",
             r"Unloadable cannot be created: RuntimeError: CUDA out of memory \(misbehaving_policy\.py, line",
         ),
-        ("Gone", r"its process ended while loading \(exit status 9\)"),
+        ("Gone", r"the process of the policy ended while loading \(exit status 9\)"),
     ],
 )
 def test_a_policy_that_cannot_be_loaded_is_one_line(plugin, name, text):

@@ -157,7 +157,7 @@ def test_whatever_a_record_says_falsely_is_named(quick, tmp_path, capsys, lie, n
 
 def test_an_action_that_cannot_be_executed_is_one_line(quick, tmp_path):
     write_record(column(quick, "action", 3, np.nan), tmp_path / "r.parquet")
-    with pytest.raises(RecordError, match="its actions cannot be executed"):
+    with pytest.raises(RecordError, match="the recorded actions cannot be executed"):
         check_record(tmp_path / "r.parquet")
 
 

@@ -118,7 +118,11 @@ BROKEN = {
         r"trials\[1\].seed: .*greater than or equal to 0, not -1",
     ),
     "kind": (lambda p: p["trials"][1].update(axis=3), RecordError, r"plan: trials\[1\].axis: .*valid string, not 3"),
-    "twice": (lambda p: p["trials"].append(p["trials"][0]), RecordError, r"plan: trials\[4\]: is planned twice"),
+    "twice": (
+        lambda p: p["trials"].append(p["trials"][0]),
+        RecordError,
+        r"plan: trials\[4\]: this trial is planned twice",
+    ),
     "policy": (lambda p: p.pop("policy"), RecordError, "plan: policy: is missing"),
     "task": (lambda p: p["trials"][0].update(task="morning_cofee"), UnknownNameError, "Did you mean 'morning_coffee'"),
     "observation": (lambda p: p.update(observation="default"), RecordError, "plan: observation: is not a JSON object"),
@@ -192,7 +196,7 @@ def test_what_a_file_names_runs_no_code_and_sends_no_secret_without_a_yes(
         assert main(["eval", "--from", str(where), "--out", str(tmp_path / "run"), "--uncertified"]) == 2
         said = capsys.readouterr().err.replace("\n", "")
         assert text.format(folder=tmp_path).replace(" ", "") in said.replace(" ", "")
-        assert "Give --trust if" in said
+        assert "Use --trust if" in said
     assert not mark.exists()
     assert not (tmp_path / "run").exists()
     assert repeated_plan(source, policy="noop").policy == "noop"

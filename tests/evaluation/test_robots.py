@@ -71,7 +71,7 @@ def test_a_served_expert_answers_in_the_robots_usual_action_space(name):
 def test_a_client_with_another_robot_is_told_both():
     scene, observer = client("panda", "ee_delta")
     with pytest.raises(
-        InvalidInputError, match="the client's robot has 7 joints, the served SO-101 follower arm has 5"
+        InvalidInputError, match="the client's robot has 7 joints, but the served SO-101 follower arm has 5"
     ):
         ShadowSimulation("expert", TRIAL, robot="so101").actions(0, 1, seen=observer.observe(scene, scene.reset()))
     observer.close()
@@ -83,7 +83,7 @@ def test_a_client_with_another_robot_is_told_both():
         (
             "so101",
             "openpi_libero",
-            "uses the action space 'ee_delta', but the SO-101 follower arm is served in 'so101_degrees'",
+            "uses the action space 'ee_delta', but the SO-101 follower arm is served with 'so101_degrees'",
         ),
         ("so100", None, "Did you mean 'so101'"),
     ],
@@ -98,7 +98,7 @@ def test_a_replayed_demonstration_proves_the_arms_own_units(tmp_path):
     layout = "lerobot_so101_normalized"
     file = tmp_path / "layout.json"
     file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")
-    with pytest.raises(InvalidInputError, match="'so101_normalized', but the SO-101 follower arm is served in"):
+    with pytest.raises(InvalidInputError, match="'so101_normalized', but the SO-101 follower arm is served with"):
         open_server("expert", port=0, robot="so101", layout=layout)
     layout = "lerobot_so101_degrees"
     file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")

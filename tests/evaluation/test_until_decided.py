@@ -101,7 +101,7 @@ def test_a_plan_comes_back_with_its_rule_and_a_broken_rule_is_refused(tmp_path):
 
 
 def test_too_few_trials_for_any_verdict_are_refused():
-    with pytest.raises(InvalidInputError, match=r"--trials: 4 are too few .* Give 5 or more"):
+    with pytest.raises(InvalidInputError, match=r"--trials: 4 are too few .* Use 5 or more"):
         make_plan("noop", trials=4, until_decided=True)
 
 

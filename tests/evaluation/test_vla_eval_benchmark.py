@@ -319,7 +319,7 @@ def test_other_settings_in_the_same_folder_stop_the_evaluation(bench):
 
 def test_bad_settings_are_named(bench):
     guest = bench(conditions="morning_coffee/T1", trials=2)
-    with pytest.raises(InvalidInputError, match=r"to the same number, at least 3"):
+    with pytest.raises(InvalidInputError, match=r"to the same number, which must be at least 3"):
         guest.reset(task_of(guest, "morning_coffee/T1", 2))
     with pytest.raises(InvalidInputError, match="Call reset first"):
         guest.step(STILL)

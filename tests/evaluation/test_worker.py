@@ -587,7 +587,7 @@ def test_the_process_that_was_asked_closes_its_policy(plugin, tiny_plan, tmp_pat
 
 
 def test_a_policy_whose_process_dies_while_loading_is_told_at_once(plugin, tiny_plan, tmp_path):
-    with pytest.raises(PolicyError, match="its process ended while loading"):
+    with pytest.raises(PolicyError, match="the process of the policy ended while loading"):
         evaluate(tiny_plan(f"{plugin}:DiesLoading"), tmp_path / "run", workers=2)
     assert not (tmp_path / "run").exists()
 

@@ -425,7 +425,7 @@ def test_chunks_of_different_lengths_are_refused():
 
 
 def test_a_reply_that_is_no_map_is_refused():
-    with pytest.raises(PolicyError, match="expected a map with actions as reply, got list"):
+    with pytest.raises(PolicyError, match="expected a map with actions as the reply, got list"):
         OPENPI_LIBERO.actions([1], seen())
 
 
@@ -456,11 +456,11 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
 
 def test_malformed_changes_are_one_clear_line():
     for query, text in [
-        ("preset=openpi_libero&size=big", "size=big is not a size"),
+        ("preset=openpi_libero&size=big", "size=big is not an image size"),
         ("preset=openpi_libero&turn=45", "Unknown turn '45'"),
         ("preset=openpi_libero&keep=2", "keep = 2"),
         ("preset=openpi_libero&keep=x", "keep=x must be ≥ 0"),
-        ("preset=openpi_libero&ee_offset=1,2", "not a triple"),
+        ("preset=openpi_libero&ee_offset=1,2", "does not consist of three numbers"),
         ("preset=openpi_libero&ee_offset=1,2,nan", "ee_offset_m"),
         ("preset=openpi_libero&gripper=close_positve", "Did you mean 'close_positive'"),
         ("preset=openpi_libero&camera.observation/imag=front", "Did you mean 'observation/image'"),
@@ -476,7 +476,7 @@ def test_malformed_changes_are_one_clear_line():
         ("preset=openpi_droid&units=physical", "units has no effect for joint_delta"),
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
         ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid does not contain the end-effector position"),
-        ("preset=native&ee_offset=1,2,3", "the native layout uses the frame of the robot's base"),
+        ("preset=native&ee_offset=1,2,3", "the native layout uses the robot's base frame"),
     ]:
         with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
             parse(query)
@@ -577,7 +577,7 @@ def test_every_difference_is_named_in_one_line():
         "rotation: this side says 'rpy', the server says 'axis_angle'",
         "rate hz: this side says 20, the server says 15",
         "camera front: this side says 224 x 224, the server says 256 x 256",
-        "camera top: the server needs it, this side gives front",
+        "camera top: the server needs this image, but this side provides front",
     ):
         assert part in text
     assert "\n" not in text

@@ -119,7 +119,7 @@ def test_the_long_deadline_is_for_the_first_reply_and_spent_once():
 
 def test_terms_that_make_no_sense_are_refused():
     for query, text in [
-        ("timeout=0", "the deadline must be above 0"),
+        ("timeout=0", "the deadline must be greater than 0"),
         ("timeout=1e9", "timeout=1e.09 is too large"),
         ("warmup=1e300", "warmup=1e.300 is too large"),
         ("patience=1e9", "patience=1e.09 is too large"),

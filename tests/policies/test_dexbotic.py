@@ -198,7 +198,7 @@ def test_one_action_and_a_chunk_with_a_batch_are_read(answer):
 def test_what_the_server_declares_is_compared(change, query, text):
     with Server(capabilities={**CAPABILITIES, **change}) as server, pytest.raises(HandshakeError, match=text) as caught:
         server.client(query=query)
-    assert "Give another preset, or adapter=FILE" in str(caught.value)
+    assert "Use another preset, or adapter=FILE" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_odd_capabilities_declare_nothing(odd):
 def test_capabilities_that_are_not_a_map_are_refused(odd):
     with (
         Server(capabilities=odd) as server,
-        pytest.raises(HandshakeError, match="expected its capabilities as a map") as caught,
+        pytest.raises(HandshakeError, match="expected a map as the description of the server") as caught,
     ):
         server.client()
     assert "\n" not in str(caught.value)

@@ -542,7 +542,7 @@ def test_the_token_comes_from_the_environment(client, monkeypatch):
     word = "open-sesame"
     monkeypatch.setenv("MY_TOKEN", word)
     with Server(token=word) as server:
-        with pytest.raises(HandshakeError, match="Unauthorized: Invalid API token Give api_key_env=NAME"):
+        with pytest.raises(HandshakeError, match="Unauthorized: Invalid API token Add api_key_env=NAME"):
             client(server)
         policy = client(server, f"{QUICK}&api_key_env=MY_TOKEN")
         assert policy.act(seen()).shape == (8, 7)
@@ -728,7 +728,7 @@ def test_an_action_under_two_names_is_refused():
     twice = [{**chunk()[0], "action.gripper": array(np.zeros((1, 8, 1)))}, {}]
     with Server({"get_action": twice}) as server, contextlib.closing(connect_gr00t(server.address())) as policy:
         policy.reset(START)
-        with pytest.raises(PolicyError, match="'gripper' is given twice"):
+        with pytest.raises(PolicyError, match="'gripper' occurs twice"):
             policy.act(seen())
 
 
@@ -803,8 +803,8 @@ def test_a_server_that_ignores_the_rest_is_told_once(client, caplog, keeps, told
         ("rtc_overlap_steps=2&rtc_frozen_steps=3", "3 frozen steps do not fit into an overlap of 2"),
         ("rtc_overlap_steps=2&horizon=8&ahead=3", "3 frozen steps do not fit into an overlap of 2"),
         ("rtc_overlap_steps=2.5", "must be a whole number"),
-        ("rtc_overlap_steps=2&layout=flat", "layout=flat has no entry for a chunk"),
-        ("rtc_overlap_steps=2&ensemble=0.01", "chunks cannot be averaged"),
+        ("rtc_overlap_steps=2&layout=flat", "layout=flat have no entry for the previous chunk"),
+        ("rtc_overlap_steps=2&ensemble=0.01", "chunks cannot be continued and averaged"),
     ],
 )
 def test_what_cannot_be_continued_is_refused(client, options, text):

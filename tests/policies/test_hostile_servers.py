@@ -339,7 +339,7 @@ def nested(depth):
 
 TOO_MUCH = {
     "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"of \d{7} bytes, but the limit is 4194304"),
-    "deep": ({"notes": nested(20)}, r"its declaration cannot be read.*nested deeper than 16"),
+    "deep": ({"notes": nested(20)}, r"the declaration cannot be read.*nested deeper than 16"),
 }
 
 

@@ -266,7 +266,7 @@ def test_trials_are_evaluated(tmp_path):
 @pytest.mark.parametrize(
     ("reply", "text"),
     [
-        (b'"error"', "replies 'error', the answer of these servers to any failure"),
+        (b'"error"', "replies 'error', which servers of this kind return for any failure"),
         (b'{"error": "Request failed"}', "reports an error: Request failed"),
         (b"", "cannot be read"),
         (b"<html>", "cannot be read"),
@@ -331,7 +331,7 @@ def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
         (404, b"", HandshakeError, r"has no POST /act \(HTTP 404\). Correct the path"),
         (405, b"", HandshakeError, "has no POST /act"),
         (401, b"", HandshakeError, "api_key_env=NAME"),
-        (307, b"", HandshakeError, r"redirects \(HTTP 307\)\. Give the final address"),
+        (307, b"", HandshakeError, r"redirects requests to another address \(HTTP 307\)\. Use that address"),
         (503, b"", PolicyError, "failed to answer 2 times. Last reason: the server answered HTTP 503"),
     ],
 )

@@ -130,9 +130,9 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
     ("address", "text"),
     [
         ("toy:a?gan=1", "Unknown option of toy 'gan'. Did you mean 'gain'? Known: gain, let.KEY, turns"),
-        ("toy:a?gain=3", "gain=3 is out of range. Give the gain, from 0 to 2"),
+        ("toy:a?gain=3", "gain=3 is out of range. Set it to the gain, from 0 to 2"),
         ("toy:a?gain=x", "gain=x is out of range"),
-        ("toy:a?turns=1.5", "turns=1.5 must be a whole number. Give the turns, such as 8"),
+        ("toy:a?turns=1.5", "turns=1.5 must be a whole number. Set it to the turns, such as 8"),
         ("toy:a?turns=1&turns=2", "an option is given twice"),
         ("toy:a?turns=", "turns has no value. Give the turns as turns=VALUE, or omit turns"),
         ("toy:a?turns", "the options cannot be read"),

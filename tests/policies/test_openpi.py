@@ -393,7 +393,7 @@ def test_a_bare_array_is_continued_too(observation):
 
 
 def test_several_arrays_are_not_continued():
-    with pytest.raises(InvalidInputError, match=r"delay needs a single action array, .* Leave out delay"):
+    with pytest.raises(InvalidInputError, match=r"delay needs a single action array, .* Omit delay"):
         make_policy("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
 
 
@@ -465,9 +465,9 @@ def test_the_space_of_a_native_server_is_taken_over():
         ({"protocol": 2}, "", "version 2"),
         ({"action_space": {"name": "x"}}, "", "cannot be read"),
         ({"action_space": 3}, "", "action_space: is not a JSON object"),
-        ({"execution": {"horizon": 0}}, "", "an impossible execution of chunks .*must be"),
-        ({"execution": {"speed": 2}}, "", "its declared execution of chunks cannot be read"),
-        ({"execution": {"horizon": True}}, "", "its declared execution of chunks cannot be read"),
+        ({"execution": {"horizon": 0}}, "", "an impossible way of executing chunks .*must be"),
+        ({"execution": {"speed": 2}}, "", "the declaration of how chunks are executed cannot be read"),
+        ({"execution": {"horizon": True}}, "", "the declaration of how chunks are executed cannot be read"),
     ],
 )
 def test_conventions_that_differ_are_named_with_both_sides(change, query, text):

@@ -118,7 +118,7 @@ def test_hostile_and_broken_addresses_give_one_clear_error(address):
 def test_a_file_that_cannot_be_loaded_is_named(tmp_path, source):
     file = tmp_path / "broken.py"
     file.write_text(source, encoding="utf-8")
-    with pytest.raises(InvalidInputError, match=r"broken\.py: it cannot be loaded"):
+    with pytest.raises(InvalidInputError, match=r"broken\.py: the file cannot be loaded"):
         load_plugin(f"{file}:Mine")
 
 
@@ -165,7 +165,10 @@ def test_an_address_passes_arguments(tmp_path):
     assert given("checkpoint=&horizon=0.5&note=null") == ("", 0.5, False, None)
     for wrong, text in (
         ("", "cannot be called without arguments"),
-        ("checkpoint=1&horzon=2", "unexpected keyword argument 'horzon'.*It takes checkpoint, horizon, fast, note"),
+        (
+            "checkpoint=1&horzon=2",
+            "unexpected keyword argument 'horzon'.*It takes these arguments: checkpoint, horizon, fast, note",
+        ),
         ("checkpoint=1&checkpoint=2", "'checkpoint' is given twice"),
         ("checkpoint", "'checkpoint' is not an argument"),
     ):
@@ -205,7 +208,7 @@ def test_noop_stands_still_in_every_space(space):
 
 def test_a_plugin_declares_its_action_space(plugin):
     check_policy(f"python:{plugin}:InJointSpace", action_space="joint_delta")
-    with pytest.raises(InvalidInputError, match="Give --action-space joint_delta"):
+    with pytest.raises(InvalidInputError, match="Use --action-space joint_delta"):
         check_policy(f"python:{plugin}:InJointSpace", action_space="ee_delta")
 
 

@@ -171,11 +171,11 @@ def test_replay_hands_out_copies(recorded):
 
 @pytest.mark.physics
 def test_replay_refuses_a_missing_record_and_another_action_space(recorded):
-    with pytest.raises(InvalidInputError, match=r"no record of morning_coffee L2 or train2 with seed 0"):
+    with pytest.raises(InvalidInputError, match=r"no record of morning_coffee with condition L2 or train2 and seed 0"):
         replay(recorded, condition="L2", base="train2")
     with pytest.raises(InvalidInputError, match="seed 5"):
         replay(recorded, seed=5)
-    with pytest.raises(InvalidInputError, match="Give --action-space ee_delta"):
+    with pytest.raises(InvalidInputError, match="Use --action-space ee_delta"):
         replay(recorded).reset(EpisodeStart("x", 0, "ee_pose"))
 
 

@@ -139,7 +139,7 @@ def test_a_key_is_asked_for():
 
 
 def test_a_port_in_use_is_one_clear_line(server):
-    with pytest.raises(InvalidInputError, match=rf"--port: {server.port} is in use on 127.0.0.1\. Give another port"):
+    with pytest.raises(InvalidInputError, match=rf"--port: {server.port} is in use on 127.0.0.1\. Use another port"):
         PolicyServer(Echo, metadata={}, port=server.port)
 
 
@@ -271,7 +271,7 @@ def test_the_client_that_is_silent_longest_is_let_go_when_another_one_waits():
             silent.recv(timeout=PATIENCE_S)
         assert gone.value.rcvd is not None
         assert gone.value.rcvd.code == 1001
-        assert "while others wait" in gone.value.rcvd.reason
+        assert "while others were waiting" in gone.value.rcvd.reason
 
 
 def test_silent_clients_keep_their_slots_while_there_are_others():

@@ -240,7 +240,7 @@ def test_an_error_of_the_model_ends_the_trial_and_the_next_one_goes_on():
         (Scripted(action=TWIST, seen={**SEEN, "state": STATE_EEF_POS_QUAT_GRIP}), "state: .*axisangle3.*quat4"),
         (
             Scripted(action=TWIST, seen={"a": IMAGE_RGB, "b": IMAGE_RGB, "c": IMAGE_RGB}),
-            "camera c: .* needs it, this side gives images/agentview, images/wrist",
+            "camera c: .* needs this image, but this side provides images/agentview, images/wrist",
         ),
         (Scripted(params={"absolute_action": True}), "absolute poses"),
     ],
@@ -364,7 +364,7 @@ def test_a_broken_connection_starts_the_episode_again():
         (lambda _: [msgpack.packb({"type": "action", "payload": {}, "seq": "1"})], "without a type"),
         (lambda m: [Message(MessageType.ACTION, {"action": np.zeros(7)}, m.seq)], "no 'actions'"),
         (lambda m: [Message(MessageType.ACTION, {"actions": np.zeros(6)}, m.seq)], r"shape \(6,\)"),
-        (lambda _: [action(Message(MessageType.ACTION, {}, 0))] * 100, "do not answer the request"),
+        (lambda _: [action(Message(MessageType.ACTION, {}, 0))] * 100, "none of which answers the request"),
     ],
 )
 def test_a_bad_answer_is_one_clear_policy_error(reply, text):

@@ -232,7 +232,7 @@ def test_the_same_answer_would_run_if_it_were_unpickled(tmp_path):
 
 
 def test_the_name_of_what_was_refused_is_told():
-    with pytest.raises(PolicyError, match=r"it would call (posix|os)\.system, which is not allowed"):
+    with pytest.raises(PolicyError, match=r"the file would call (posix|os)\.system, which is not allowed"):
         read_torch(saved(Evil(os.system, "true")))
 
 
@@ -270,14 +270,14 @@ def laughing():
         (b"PK\x03\x04 nothing", "cannot be read"),
         (b"\x80\x02}q\x00.", "not a zip archive"),
         (saved(chunk())[:-100], "cannot be read"),
-        (rezipped(saved(chunk()), compressed), "it is compressed"),
-        (rezipped(saved(chunk()), hoarding), "it contains a bytearray"),
+        (rezipped(saved(chunk()), compressed), "the file is compressed"),
+        (rezipped(saved(chunk()), hoarding), "the file contains a bytearray"),
         (laughing(), "more than 200000 values"),
         (saved({1: 2}), "keys that are not strings"),
         (saved({"a": torch.zeros(1).expand(10**9)}), "too large"),
         (saved({"a": torch.zeros(1).expand(10**7)}), "larger than its bytes"),
         (saved({"a": torch.zeros(3, 3).to_sparse()}), "sparse"),
-        (saved({"a": {1, 2}}), "it contains a set"),
+        (saved({"a": {1, 2}}), "the file contains a set"),
         (saved({"a": np.array(["text"])}), "not a plain number"),
     ],
 )

@@ -393,7 +393,7 @@ def test_code_that_a_checkpoint_names_is_run_only_if_it_is_trusted(act, tmp_path
     ):
         make_policy(f"lerobot:{folder}")
     assert not (folder / "was_run").exists()
-    with pytest.raises(InvalidInputError, match="LeRobot cannot load it"):  # os.system makes no step
+    with pytest.raises(InvalidInputError, match="LeRobot cannot load the checkpoint"):  # os.system makes no step
         make_policy(f"lerobot:{folder}?trust=true")
     assert (folder / "was_run").exists()
 
@@ -419,17 +419,17 @@ def claims(**fields):
             "type 'no_such_type' is not known to LeRobot",
         ),
         (lambda f: (f / "config.json").unlink(), "contains no config.json"),
-        (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
-        (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
+        (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load the checkpoint"),
+        (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load the checkpoint"),
         (planted, "step 0 of policy_postprocessor.json names the class 'os.system'"),
         (claims(dim_model=20_000), r"a network with more than [\d,]+ parameters, but the weights file has only"),
-        (claims(dim_feedforward=10**12), "LeRobot cannot load it"),
+        (claims(dim_feedforward=10**12), "LeRobot cannot load the checkpoint"),
         (claims(n_encoder_layers=10**9), r"a network with more than [\d,]+ parameters"),
         (
             claims(dim_model=2, dim_feedforward=1, n_encoder_layers=10**9),
             "a network with more than 100,000 weight tensors",
         ),
-        (claims(chunk_size=10**9), "chunk_size of its config.json is 1000000000, expected at most 4096"),
+        (claims(chunk_size=10**9), "chunk_size in config.json is 1000000000, but at most 4096 is supported"),
     ],
 )
 def test_a_broken_checkpoint_is_one_clear_line(act, tmp_path, change, text):
@@ -446,7 +446,7 @@ def test_a_checkpoint_that_is_not_there_is_named(target):
 
 
 def test_a_checkpoint_that_cannot_be_fetched_is_one_clear_line():
-    with pytest.raises(InvalidInputError, match="LeRobot cannot load it") as caught:
+    with pytest.raises(InvalidInputError, match="LeRobot cannot load the checkpoint") as caught:
         make_policy("lerobot:betterbench/no-such-checkpoint")
     assert "\n" not in str(caught.value)
 
@@ -640,7 +640,8 @@ def test_an_extra_that_this_release_lacks_is_not_advised(act, tmp_path, monkeypa
     monkeypatch.setitem(lerobot_types.POLICY_TYPES, "pi0", lerobot_types.Needs("pi", ("no_such_module",)))
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text('{"type": "pi0"}'))
     with pytest.raises(
-        MissingDependencyError, match=r"LeRobot 0\.4\.4 has no extra for it: install lerobot\[pi\] of LeRobot 0\.6"
+        MissingDependencyError,
+        match=r"LeRobot 0\.4\.4 has no extra for this policy type\. Install lerobot\[pi\] of LeRobot 0\.6",
     ):
         make_policy(f"lerobot:{folder}")
 

@@ -1,8 +1,8 @@
-"""Python API of the root package, with functions equivalent to the subcommands of ``better``.
+"""Python API of the package, with functions that do the same as the subcommands of ``better``.
 
-- ``runs``: evaluate a policy, open, diagnose and compare runs.
-- ``report``: the report of runs, with films rendered from their records.
-- ``environments``: tasks as environments, including the tasks of user files.
+- ``runs``: evaluate a policy; open, diagnose and compare runs.
+- ``report``: write the report of runs, with films rendered from their records.
+- ``environments``: use tasks as environments, including tasks defined in user files.
 
-The public names are the same as in :mod:`betterbench`, which imports them at first use.
+The public names are also available in :mod:`betterbench`, which imports them when they are first used.
 """

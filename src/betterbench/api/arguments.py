@@ -1,4 +1,4 @@
-"""Translation of command-line options into argument names in error messages."""
+"""Conversion of error messages of the command line to the Python API: options are replaced by argument names."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,14 +6,14 @@ from contextlib import contextmanager
 from betterbench.errors import InvalidInputError
 
 _OTHER_NAMES = {"name": "names", "policy_timeout": "policy_timeout_s"}
-"""Python arguments whose names differ from their command-line options: lists are plural, and quantities name their
-unit.
+"""Python arguments that are named differently from their command-line options: lists have plural names, and names of
+quantities contain the unit.
 """
 
 
 @contextmanager
 def options_as_arguments() -> Iterator[None]:
-    """Replace command-line options in error messages ("--until-decided") with Python arguments ("until_decided")."""
+    """In error messages, replace a command-line option ("--until-decided") by the Python argument ("until_decided")."""
     try:
         yield
     except InvalidInputError as error:

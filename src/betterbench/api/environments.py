@@ -1,4 +1,4 @@
-"""Tasks as Gymnasium environments, including those of user files."""
+"""Tasks as Gymnasium environments, including tasks defined in user files."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ def make_env(
     looks: str = "seen",
     render_mode: str | None = None,
 ) -> TaskEnv:
-    """Return a task as an unwrapped Gymnasium environment; ``gymnasium.make`` adds wrappers.
+    """Create the Gymnasium environment of a task. Unlike ``gymnasium.make``, this adds no wrappers.
 
     Args:
-        task: Task id ("fast_food").
-        variation: Variation ("T1") or training condition ("train2"); the first training condition if not given.
-        observation: Observation preset; "state_only" renders no images.
-        action_space: Action space.
-        quality: Render preset.
-        looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
+        task: ID of the task ("fast_food").
+        variation: Name of a variation ("T1") or training condition ("train2"). By default, the first training
+            condition.
+        observation: Name of an observation preset. "state_only" renders no images.
+        action_space: Name of an action space.
+        quality: Name of a rendering preset.
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
         render_mode: "rgb_array" for images of the front camera.
 
     Raises:
-        UnknownNameError: If a name is unknown; the message lists the closest ones.
+        UnknownNameError: If a name is unknown. The message lists the closest names.
     """
     return TaskEnv(
         task,
@@ -46,13 +47,13 @@ def make_env(
 
 
 def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
-    """Load Python files that define tasks, assets, relations, failure modes or learners, like ``--task-file``.
+    """Load Python files that define tasks, assets, relations, failure modes or learners, as ``--task-file`` does.
 
-    Each file is loaded once, also in worker processes. If Gymnasium is imported, the tasks are registered with
-    Gymnasium.
+    Each file is loaded once per process, including worker processes. If Gymnasium has been imported, the tasks are also
+    registered with Gymnasium.
 
     Raises:
-        InvalidInputError: If a file is missing, raises an error or registers an existing name.
+        InvalidInputError: If a file is missing, raises an error, or registers a name that already exists.
     """
     user_files.load_task_files([paths] if isinstance(paths, str | Path) else paths)
     if "gymnasium" in sys.modules:
@@ -62,9 +63,9 @@ def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
 
 
 def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
-    """Load asset folders written by ``better assets import``, like ``--asset-dir``.
+    """Load folders of assets that ``better assets import`` has written, as ``--asset-dir`` does.
 
-    Each folder is loaded once, also in worker processes. Tasks can then use the assets by name.
+    Each folder is loaded once per process, including worker processes. Tasks can then use the assets by name.
 
     Raises:
         InvalidInputError: If a folder is missing or contains no imported assets.

@@ -6,10 +6,10 @@ from betterbench.tasks import environment_id, task_names
 
 
 def register_environments() -> None:
-    """Register all unregistered tasks with Gymnasium ("BeTTER/FastFood-v0").
+    """Register all tasks with Gymnasium that are not registered yet ("BeTTER/FastFood-v0").
 
     Importing betterbench does this automatically if Gymnasium was imported first, as in
-    ``gymnasium.make("betterbench:BeTTER/FastFood-v0")``. Call this function if betterbench is imported first.
+    ``gymnasium.make("betterbench:BeTTER/FastFood-v0")``. Call this function if betterbench was imported first.
     """
     for task in task_names():
         name = environment_id(task)

@@ -1,4 +1,4 @@
-"""Report of runs, with films rendered from the records."""
+"""Report about one or more runs. It includes videos of trials, which are rendered from the recorded states."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from betterbench.vqa.knowing import read_knowledge
 logger = logging.getLogger(__name__)
 
 THUMBNAIL_PX = 200
-"""Image size on the variation cards [px]."""
+"""Size of the images on the cards of variations [px]."""
 
 FILMS = 40
-"""Default maximum number of trials shown as films."""
+"""Default for the maximum number of trials that are shown as films."""
 
 SOLVED_FILMS = 2
-"""Maximum number of successful trials per run shown as films. Successful trials look alike, so a few are enough."""
+"""Maximum number of successful trials per run that are shown as films. Since they look alike, a few are enough."""
 
 
 @contextmanager
@@ -53,12 +53,13 @@ def _no_bar(_what: str) -> Iterator[OnCount]:
 
 @dataclass(frozen=True, slots=True)
 class ReportListener:
-    """Callbacks for messages and progress while a report is built.
+    """Functions that are called with messages and progress while a report is built.
 
     Attributes:
-        say: Function that takes a one-line message.
-        warn: Callback for the warning that this machine cannot render films.
-        bar: Context manager that shows a progress bar for a named step and yields the callback ``(done, total)``.
+        say: Function that is called with a message of one line.
+        warn: Function that is called with a warning if this machine cannot render films.
+        bar: Function that takes the name of a step and returns a context manager, which shows a progress bar. On entry,
+            it provides a function to be called with the number of finished items and the number of all items.
     """
 
     say: Callable[[str], None] = logger.info
@@ -67,7 +68,7 @@ class ReportListener:
 
 
 class BuiltReport(NamedTuple):
-    """Report page, and a one-line verdict on each run."""
+    """Result of building a report: the path of the page, and one sentence per run that states its verdict."""
 
     page: Path
     verdicts: tuple[str, ...]
@@ -83,14 +84,15 @@ def build_report(
     films: int = FILMS,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Diagnose runs, render their failures, write the report page, and return its path and verdicts.
+    """Diagnose runs, render their failures and write the report page. Return the path of the page and the verdicts.
 
-    ``films`` limits the number of trials shown as films over all runs; 0 renders nothing. ``twins`` contains one
-    base-suite run for each LIBERO-PRO run, or is empty.
+    ``films`` is the maximum number of trials, over all runs together, that are shown as films. If it is 0, nothing is
+    rendered. For runs in LIBERO-PRO, ``twins`` may contain one run of the same policy in the original suite (such as
+    LIBERO) for each run; otherwise it is empty.
     """
     if twins and len(twins) != len(runs):
         problem = f"got {len(twins)} for {plural(len(runs), 'run')}"
-        raise InvalidInputError("--twins", problem, "Give --twins once per run, in the order of the runs")
+        raise InvalidInputError("--twins", problem, "Repeat --twins once for each run, in the order of the runs")
     called = run_names(runs, names)
     say = listener.say
     bases: list[RunFolder | None] = [RunFolder.open(path) for path in twins] or [None] * len(runs)
@@ -107,7 +109,7 @@ def build_report(
             media = _media(runs, diagnoses, films, listener)
         except (MissingDependencyError, RecordError, WorldError) as error:
             listener.warn(f"no films: {error}")
-    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # replayable runs
+    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # runs that can be replayed
     media = replace(media, folders={d.policy: str(run.path) for d, run in ours})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
     stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
@@ -132,23 +134,24 @@ def write_report(
     films: int = FILMS,
     overwrite: bool = False,
 ) -> Path:
-    """Write the report of one or several runs, like ``better report``, and return its page.
+    """Write the report of one or several runs, as ``better report`` does. Return the path of its page.
 
-    The page needs no network and no other file. Tables are also written as CSV and LaTeX in the same folder.
+    The page needs no network and no other file. The tables are also written as CSV and LaTeX files to the same folder.
 
     Args:
-        *runs: The runs, or their folders.
-        out: Report folder; default: ``report`` in the first run's folder.
-        names: Each run's name on the page, in run order; default: its policy's name.
-        twins: For runs in LIBERO-PRO: folders of the base suite's runs by the same policies, one for each run.
-        latex: Whether to write LaTeX tables as well.
-        films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
+        *runs: Runs, or their folders.
+        out: Folder of the report. By default, the folder ``report`` inside the folder of the first run.
+        names: Name of each run on the page, in the order of the runs. By default, each run has the name of its policy.
+        twins: For runs in LIBERO-PRO: folders of runs in the base suite by the same policies, one for each run.
+        latex: Whether to write the tables as LaTeX files, too.
+        films: Maximum number of trials that are shown as films. The other failures get one image each. With 0, nothing
+            is rendered.
         overwrite: Whether to write into a folder that contains other files.
 
     Raises:
-        InvalidInputError: If no run is given, a number is out of range, or names or twins do not match the runs.
+        InvalidInputError: If no run is given, if a number is out of range, or if names or twins do not match the runs.
         RecordError: If a run or a record cannot be read.
-        RunConflictError: If the folder contains other files, and may not be overwritten.
+        RunConflictError: If the folder contains other files and must not be overwritten.
     """
     require_between("films", films, 0, math.inf)
     folders = [run if isinstance(run, RunFolder) else RunFolder.open(Path(run)) for run in runs]
@@ -175,14 +178,14 @@ def report_into(
     overwrite: bool = False,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Build a report, by default in the first run's folder; see :func:`build_report`.
+    """Build a report, by default in the folder of the first run. See :func:`build_report`.
 
     Raises:
-        InvalidInputError: If no run is given, or a run is given twice.
-        RunConflictError: If the folder contains other files, and may not be overwritten.
+        InvalidInputError: If no run is given, or if a run is given twice.
+        RunConflictError: If the folder contains other files and must not be overwritten.
     """
     if not runs:
-        raise InvalidInputError("runs", "no run was given", "Give the --out folder of better eval")
+        raise InvalidInputError("runs", "no run was given", "Pass the run folder that better eval has written")
     require_each_once([run.path for run in runs])
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
@@ -190,9 +193,9 @@ def report_into(
 
 
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
-    """Return the trials to film, the most informative first.
+    """Return the trials that can be shown as films, the most informative first.
 
-    Failures come first, then one trial of each remaining cell of the diagnostic matrices, then a few successes.
+    Failures come first, then one trial for each remaining cell of the diagnostic matrices, then a few successes.
     """
     aside = {t.key for t in diagnosis.trials if t.success or t.ambiguous}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
@@ -208,7 +211,7 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 
 
 def _conditions_of_matrices() -> frozenset[str]:
-    """Return the conditions ("fruit_basket/O6") in the diagnostic matrices of the tasks."""
+    """Return the conditions ("fruit_basket/O6") that appear in the diagnostic matrices of the tasks."""
     return frozenset(
         f"{task.id}/{name}"
         for task in all_tasks()
@@ -219,9 +222,9 @@ def _conditions_of_matrices() -> frozenset[str]:
 
 
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
-    """Render films of at most ``films`` trials over all runs, and one image for each remaining failure.
+    """Render at most ``films`` films for all runs together, and one image for each other failure.
 
-    For LIBERO, no gripper path is drawn because the camera pose is not recorded.
+    For runs in LIBERO, the path of the gripper is not drawn into the images, since the camera pose is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
@@ -236,7 +239,10 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
         if varied or not recorded:
             say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
         else:
-            say(f"No films: only variation trials are filmed, and these {plural(recorded, 'record')} are of training.")
+            say(
+                f"No films: only trials of variations are filmed, but these {plural(recorded, 'record')} belong to "
+                "training."
+            )
         return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(
@@ -285,7 +291,10 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the panel that shows a trial in a twin film."""
+    """Return the panel of a film that shows one trial.
+
+    If the film has a second panel, it shows the training twin, which is the training trial with the same seed.
+    """
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
 
@@ -297,7 +306,10 @@ def _paths(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, bytes]:
-    """Return each trial's initial image with its gripper path, and with the twin's path if the twin is recorded."""
+    """Return, for each failed trial and its training twin, the image of the initial state with the gripper's path.
+
+    The training twin is the training trial with the same seed.
+    """
     if not failed:
         return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
@@ -321,7 +333,7 @@ def _thumbnails(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, Thumbnails]:
-    """Render the missing images of the variations' scenes, each with a trial and its twin at reset."""
+    """For each variation without images, render the scene of one trial and of the training trial with the same seed."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

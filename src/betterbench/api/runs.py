@@ -1,4 +1,4 @@
-"""Evaluate a policy, and open, diagnose and compare runs."""
+"""Functions to evaluate a policy, and to open, diagnose and compare runs."""
 
 from __future__ import annotations
 
@@ -46,42 +46,46 @@ def evaluate(
     allow_changed_policy: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> RunFolder:
-    """Evaluate a policy, like ``better eval``, and return the run. The same call resumes an unfinished run.
+    """Evaluate a policy, as ``better eval`` does, and return the run. The same call resumes an unfinished run.
 
-    Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions together run the same
-    number of trials, which include the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better
-    eval``.
+    Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get as
+    many trials as the variations do, among them the counterfactual twins (training trials with the same seeds). Suites
+    of LIBERO and CALVIN are evaluated with the command ``better eval``.
 
     Args:
-        policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
-            see ``better list policies``), or your own instance, which answers in this process.
-        tasks: Tasks to run; default: all of better60.
-        variations: Variations to run ("L1", "fast_food/T1"); default: all.
-        trials: Trials per variation.
+        policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy"; see
+            ``better list policies``), or a policy object of your own, which answers in this process.
+        tasks: Tasks to run. By default, all tasks of the suite better60.
+        variations: Variations to run ("L1", "fast_food/T1"). By default, all variations of the tasks.
+        trials: Number of trials per variation.
         seed: First seed.
-        out: Run folder; ``runs/POLICY`` if not given.
-        action_space: Action space of the policy; if not given, from its ``info``, or ee_delta for an address.
-        observation: Observation preset.
-        quality: Render preset.
-        looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
-        until_decided: Whether to stop a variation as soon as its verdict is certain; ``trials`` is then the maximum.
-        workers: Number of worker processes, for an address; None for one per CPU core. A script with more than one
-            worker needs ``if __name__ == "__main__":``, because each worker imports it again.
-        policy_timeout_s: Deadline for an answer from a policy that does not run on a server [s].
-        certificate: Certificate written by ``better certify``, or its folder; default: the packaged certificate.
-        uncertified: Whether to run trials without a certificate as well.
-        allow_changed_policy: Whether to resume even if the policy's declarations have changed since the run began.
-        on_progress: Called at the start and after every trial.
+        out: Run folder. By default, ``runs/POLICY``, where POLICY is the name of the policy.
+        action_space: Action space of the policy. By default, a policy object's ``info`` determines it; for a policy
+            address, it is ee_delta.
+        observation: Name of an observation preset.
+        quality: Name of a rendering preset.
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
+        until_decided: Whether to stop a variation as soon as its verdict is certain. ``trials`` is then the maximum.
+        workers: Number of worker processes. It must be 1 if ``policy`` is an object. None starts one worker per CPU
+            core. A script that uses more than one worker needs ``if __name__ == "__main__":``, because each worker
+            imports the script again.
+        policy_timeout_s: Maximum time for one reply of a policy that does not run on a server [s].
+        certificate: Certificate written by ``better certify``, or the folder of the certificate. By default, the
+            packaged certificate is used.
+        uncertified: Whether to run trials even if they are not certified.
+        allow_changed_policy: Whether to resume the run even if the description of the policy has changed since the run
+            began.
+        on_progress: Function that is called at the start and after every trial.
 
     Raises:
         InvalidInputError: If an argument is out of range, or a trial is not certified.
-        UnknownNameError: If a name is unknown; the message lists the closest ones.
+        UnknownNameError: If a name is unknown. The message lists the closest names.
         PolicyError: If no trial could be run to its end, or the policy cannot be reached.
-        RunConflictError: If the folder contains another run, or another process writes to it.
+        RunConflictError: If the folder contains a different run, or another process writes to the folder.
     """
     given = None if isinstance(policy, str) else GivenPolicy(policy)
     if given is not None and workers != 1:
-        cure = "Give one worker, or the address of its class: python:FILE.py:CLASS"
+        cure = "Use one worker, or give the address of the policy's class: python:FILE.py:CLASS"
         raise InvalidInputError("workers", "a policy instance can only be used in this process", cure)
     with options_as_arguments():
         plan = make_plan(
@@ -112,10 +116,10 @@ def evaluate(
 
 
 def load_run(path: Path | str) -> RunFolder:
-    """Open an existing run for reading, from Python or from the command line.
+    """Open an existing run for reading. It may have been made from Python or from the command line.
 
     Raises:
-        RecordError: If the folder contains no run, or the run is damaged or of another version.
+        RecordError: If the folder contains no run, or if the run is damaged or of another version.
     """
     return RunFolder.open(Path(path))
 
@@ -127,17 +131,18 @@ def diagnose(
     allow_mixed: bool = False,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Diagnose every trial of a run from its records, without writing any files.
+    """Diagnose every trial of a run from its records. No files are written.
 
     Args:
-        run: The run, or its folder. An unfinished run can be diagnosed too.
-        twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials are the twins.
-        allow_mixed: Whether to diagnose records with different versions, engines or policies together.
-        on_progress: Called with the number of processed trials and the number of planned trials.
+        run: Run, or its folder. An unfinished run can be diagnosed too.
+        twins: For a run in LIBERO-PRO, a run of the same policy in the original suite. The trials of the two runs are
+            compared in pairs.
+        allow_mixed: Whether records with different versions, engines or policies may be diagnosed together.
+        on_progress: Function that is called with the number of diagnosed trials and the number of all trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.
-        RunConflictError: If versions, engines or policies are mixed and that is not allowed.
+        RunConflictError: If the records have different versions, engines or policies and ``allow_mixed`` is False.
     """
     return diagnose_run(
         _opened(run),
@@ -154,25 +159,26 @@ def compare(
     sequential: bool = False,
     allow_mixed: bool = False,
 ) -> Comparison:
-    """Compare policies pairwise, on the trials that their runs share.
+    """Compare policies in pairs. Each pair is compared on the trials that both of its runs contain.
 
     Args:
-        *runs: Two or more runs, their folders, or files of ``better export``.
-        names: Run names, in the same order; by default the policy names.
-        alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: Whether to add tests that remain valid no matter how often you look at unfinished runs.
+        *runs: Two or more runs, folders of runs, or files written by ``better export``.
+        names: Names of the runs, in the same order. By default, the names of the policies.
+        alpha: Significance level of the tests. The confidence level of the intervals is 1 - alpha.
+        sequential: Whether to add sequential tests, which stay valid if they are repeated while the runs are
+            unfinished.
         allow_mixed: Whether to compare runs even if their versions or engines differ.
 
     Raises:
-        InvalidInputError: If an argument is out of range, the runs have no common trials, or the runs belong to
+        InvalidInputError: If an argument is out of range, if the runs have no trials in common, or if they belong to
             different suites.
         RecordError: If a run or a record cannot be read.
-        RunConflictError: If versions or engines differ and that is not allowed.
+        RunConflictError: If versions or engines differ and ``allow_mixed`` is False.
     """
     paths = [run.path if isinstance(run, RunFolder) else Path(run) for run in runs]
     folders = [RunFolder.open(path) for path in paths if path.is_dir()]
     if len(folders) == len(paths) and is_across(folders):
-        cure = "Give the runs to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
+        cure = "Pass the runs to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
         raise InvalidInputError("runs", "these runs belong to several suites or to CALVIN", cure)
     with options_as_arguments():
         sides = load_sides(paths, names=names, allow_mixed=allow_mixed)

@@ -1,7 +1,9 @@
-"""Browser pages served on this machine, protected by a token in their address.
+"""Pages that betterbench shows in a web browser.
 
-- ``server``: the viser server; ``plain``: a server for files and JSON, without viser.
-- ``address``: the address at which a page is opened.
-- ``gate``: access control; ``incoming``: a filter for the messages from the page.
-- ``keys``: pressed keys and gamepad states, sent by the page's script (``page.js``).
+The pages are served on this machine, and a token in their address protects them from other users.
+
+- ``server``: server that uses the library viser. ``plain``: server for files and JSON, which needs no library.
+- ``address``: address under which a page is opened.
+- ``gate``: access control. ``incoming``: filter for the messages that a page sends.
+- ``keys``: pressed keys and gamepad states, which the script of the page (``page.js``) sends.
 """

@@ -1,7 +1,7 @@
-"""Access control for the page: requests that lack the address token or come from another site are rejected.
+"""Access control for a page: requests without the token, and requests from other web sites, are rejected.
 
-The token is the first part of the path. The page's own connection uses the same address and therefore also contains the
-token. No cookie is used, because a server on another port could read it.
+The token is the first part of the path. The websocket connection of the page uses the same address, so it contains the
+token too. The token is not stored in a cookie, because a server on another port could read the cookie.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.browser.incoming import MAX_MESSAGE_BYTES, IncomingMessages
 from betterbench.policies.serving.callers import is_own_host, is_own_origin
 
 OPEN_TIMEOUT_S = 5.0
-"""Maximum time that a new connection may take to send its request [s]."""
+"""Time within which a new connection must send its request [s]."""
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -33,9 +33,10 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the wrapped server's response, or status 400 if the server raises an error.
+    """Return the response of the wrapped HTTP handler, or a response with status 400 if the handler raises an error.
 
-    Otherwise, a duplicate header or a path with invalid bytes would print a traceback.
+    Otherwise, the server would print a traceback for a request in which a header occurs twice or the path contains
+    invalid bytes.
     """
     try:
         return None if inner is None else inner(connection, request)
@@ -44,21 +45,24 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
 
 
 class Gate:
-    """Request filter that admits only requests that contain the token and come from the page itself.
+    """Filter that admits only requests that contain the token and come from the page itself.
 
     Attributes:
-        token: Token at the beginning of every request path.
-        is_closed: Whether the gate protects a server. Do not use a server while this is False.
+        token: Token with which every request path must begin.
+        is_closed: Whether the filter already protects a server. A server must not be used before this is True.
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
-        """Draw a random token; ``verb`` is the CLI subcommand of the page, and ``incoming`` filters its messages."""
+        """Draw a random token.
+
+        ``verb`` is the subcommand that shows the page, and ``incoming`` filters messages from the page.
+        """
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
         self._refused = _REFUSED.format(verb=verb)
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return the part of a request's path after the token, or None if the token is missing or wrong."""
+        """Return the part of a request path that follows the token, or None if the token is missing or wrong."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):
@@ -66,7 +70,10 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the path of a request after the token, or None if the request is rejected."""
+        """Check a request, and return the part of its path that follows the token.
+
+        Return None if it must be rejected.
+        """
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None
@@ -74,7 +81,10 @@ class Gate:
 
     @contextmanager
     def before_servers(self) -> Iterator[None]:
-        """Protect every websocket server that is started inside the context. viser has no hook for access control."""
+        """Protect every websocket server that is started while this context is active.
+
+        This is necessary because viser has no access control.
+        """
         module = importlib.import_module("websockets.asyncio.server")
         serve = module.serve
 

@@ -1,8 +1,8 @@
-"""Filter for incoming messages. It passes only the page's own message types to viser.
+"""Filter for messages from a web page. It passes on to viser only the kinds of messages that the page itself sends.
 
-A viser message can set any property of any element and call any registered function. A wrong value could end the
-session or lock out later pages, and one kind of message would publish the page on the internet. Each message is
-therefore validated with the schema of the page's messages. viser itself checks the rest.
+In viser, a message can set any property of any element and call any registered function. A wrong value could end the
+session or block pages that are opened later, and one type of message would publish the page on the internet. Each
+message is therefore checked against a schema of the messages that the page sends. All other checks are left to viser.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, Field, TypeAdapter
 
 MAX_MESSAGE_BYTES = 1 << 16
-"""Maximum size of a message [byte]; a connection that sends a larger message is closed."""
+"""Size of the largest message that is accepted [bytes]. A connection that sends a larger message is closed."""
 LARGEST = 1e6
-"""Largest number accepted in a message: a length [m], a size [pixel] or a fraction."""
+"""Largest number that is accepted in a message, which may be a length [m], a size [pixel] or a fraction."""
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
-"""Type of a panel element's value."""
+"""Type of the value of an element in the page's panel."""
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _Vector = Annotated[list[_Number], Field(min_length=3, max_length=3)]
@@ -75,21 +75,24 @@ _TYPES: dict[InputKind, tuple[type, ...]] = {"button": (bool,), "number": (int, 
 
 
 class IncomingMessages:
-    """Validation rules for incoming messages. A server must not run without them."""
+    """Rules by which incoming messages are checked. A server must not run without them."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Reject messages for panel elements that are not registered yet; ``complain`` is called for each rejection."""
+        """Begin without registered panel elements, so all messages about panel elements are rejected at first.
+
+        ``complain`` is called with an explanation for each rejected message.
+        """
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
 
     def expect(self, uuid: str, kind: InputKind) -> None:
-        """Register a panel element and the type of its values."""
+        """Register a panel element and the type of its value, so that messages about this element are accepted."""
         if kind not in get_args(InputKind):
             raise AssertionError(kind)
         self._kinds[uuid] = kind
 
     def admits(self, raw: object) -> bool:
-        """Return whether a message is valid and may be passed to viser."""
+        """Return whether a message is valid and may therefore be passed on to viser."""
         if not isinstance(raw, bytes) or len(raw) > MAX_MESSAGE_BYTES:
             return False
         try:
@@ -99,11 +102,11 @@ class IncomingMessages:
         if not isinstance(sent, _Update):
             return True
         kind, value = self._kinds.get(sent.uuid), sent.updates.value
-        # A boolean is a number in Python, but not for the slider.
+        # A boolean is a number in Python, but it is not a valid value of a slider.
         return kind is not None and isinstance(value, _TYPES[kind]) and isinstance(value, bool) == (kind == "button")
 
     def before(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """Wrap a connection handler so that it receives only valid messages."""
+        """Wrap a connection handler: the returned handler does the same, but receives only valid messages."""
 
         async def handle(connection: Any) -> None:  # noqa: ANN401 - of websockets
             await handler(_Filtered(connection, self))
@@ -111,7 +114,7 @@ class IncomingMessages:
         return handle
 
     async def next_of(self, connection: Any) -> Any:  # noqa: ANN401
-        """Return the next valid message of a connection."""
+        """Wait for the next valid message on a connection, and return it."""
         while True:
             raw = await connection.recv()
             if self.admits(raw):
@@ -120,7 +123,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Connection wrapper that yields only valid messages."""
+    """Wrapper around a connection that returns only valid messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming
@@ -129,5 +132,5 @@ class _Filtered:
         return getattr(self._connection, name)
 
     async def recv(self) -> Any:  # noqa: ANN401
-        """Return the next valid message."""
+        """Wait for the next valid message on the wrapped connection, and return it."""
         return await self._incoming.next_of(self._connection)

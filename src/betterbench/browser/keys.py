@@ -1,4 +1,4 @@
-"""Keyboard and gamepad input of a page: the script that sends the state, and its message format."""
+"""Keyboard and gamepad input of a page: the script that sends it, and the format of its messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.json_form import read_form
 from betterbench.quoting import markup_text
 
 MARK = "better-page:"
-"""Prefix of the page's key messages."""
+"""Text with which messages about keys begin."""
 NO_PUSH = (0.0,) * 6
 MOST_TAPS_AT_ONCE = 8
 
@@ -23,7 +23,11 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """State of keys and gamepad: held keys, taps per key since the page was opened, and axes in [-1, 1]."""
+    """State of the keyboard and the gamepad, as a web page reports it.
+
+    The state consists of the keys that are held down, the number of times that each key has been pressed since the page
+    was opened, and the positions of the gamepad's axes in [-1, 1].
+    """
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
     taps: dict[_Key, Annotated[int, Field(ge=0)]] = {}
@@ -36,13 +40,13 @@ _KEYS = TypeAdapter(PageKeys)
 
 
 def read_keys(text: str) -> PageKeys:
-    """Parse a message of the script; raise InvalidInputError if it is malformed."""
+    """Parse a message that the page's script has sent. Raises InvalidInputError if it is malformed."""
     data = text.removeprefix(MARK).encode(errors="replace")
     return read_form(_KEYS, data, where="page", cure="Reload the page")
 
 
 def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> list[str]:
-    """Return the taps since the last message of a page, and update its counts in ``known``."""
+    """Return the keys that were pressed after the previous message of a page, and update its counts in ``known``."""
     made = [
         name
         for name in names
@@ -55,14 +59,15 @@ def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> lis
 def script_element(
     *, taps: Mapping[str, str], held: Sequence[str] = (), gamepad: Mapping[int, str] | None = None
 ) -> str:
-    """Return an element that runs the page's script as soon as it is shown.
+    """Return an HTML element that runs the page's script as soon as it is shown.
 
-    viser does not support scripts, and scripts in its HTML elements do not run, but an image's error handler does.
+    viser does not run script tags in its HTML elements. The element is therefore an image whose error handler contains
+    the script.
 
     Args:
-        taps: Action name for each key that triggers a single action, by key code.
-        held: Codes of the keys that act while they are held.
-        gamepad: Action name for each button of a standard gamepad; None ignores gamepads.
+        taps: Action for each key that triggers a single action, by key code.
+        held: Codes of the keys that have an effect for as long as they are held down.
+        gamepad: Action for each button of a standard gamepad, or None to ignore gamepads.
     """
     source = resources.files("betterbench.browser").joinpath("page.js").read_text()
     for name, value in (("PUSH_KEYS", list(held)), ("TAP_KEYS", dict(taps)), ("BUTTONS", gamepad), ("MARK", MARK)):
@@ -71,7 +76,7 @@ def script_element(
 
 
 def key_table(rows: Sequence[tuple[str, str]]) -> str:
-    """Return a table of keys and their effects as HTML."""
+    """Return an HTML table of keys and what they do."""
     cells = "".join(
         f'<tr><td style="padding:1px 12px 1px 0;white-space:nowrap"><b>{markup_text(k)}</b></td>'
         f"<td>{markup_text(t)}</td></tr>"

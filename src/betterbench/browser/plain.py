@@ -1,4 +1,4 @@
-"""Plain HTTP server, without viser, for a page with files, JSON and images, protected by a token.
+"""HTTP server for a page with files, JSON and images. The server does not use viser, and is protected by a token.
 
 The token is the first part of every path, as in :mod:`betterbench.browser.gate`. Requests from pages of other sites are
 rejected, and the page cannot load anything from another server.
@@ -24,11 +24,14 @@ from betterbench.json_form import parse_json
 from betterbench.policies.serving.callers import LOOPBACK_NAMES, is_own_host, is_own_origin
 
 MOST_BYTES = 1 << 16
-"""Largest request [byte]."""
+"""Size of the largest request that is accepted [bytes]."""
 TIMEOUT_S = 10.0
-"""Maximum idle time of a connection [s]."""
+"""Time after which an idle connection is closed [s]."""
 _RANGE = re.compile("bytes=([0-9]{0,15})-([0-9]{0,15})")
-"""Request for a single range (RFC 9110, section 14). Any other request is answered with the complete content."""
+"""Pattern of a request for a single range (RFC 9110, section 14).
+
+Any other request is answered with the complete content.
+"""
 
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
@@ -46,7 +49,7 @@ Answer = tuple[str, bytes]
 
 
 class PlainServer:
-    """HTTP server for a single page. It listens until it is closed."""
+    """HTTP server for a single page. It runs until it is closed."""
 
     def __init__(
         self,
@@ -60,16 +63,17 @@ class PlainServer:
         """Start listening.
 
         Args:
-            get: Functions by path after the token ("", "state"). Each returns the response, or None for status 404, and
-                may be called from several threads at once.
-            post: Function that executes a command, the JSON object sent to "do", and returns a JSON value. If it raises
-                a BetterError, the text of the error is sent to the page.
-            host: Interface.
-            port: Port; 0 for any free one.
-            verb: CLI subcommand that serves the page ("better teleop"), for rejection messages.
+            get: Functions that answer GET requests, by the part of the path that follows the token ("", "state"). Each
+                returns a response, or None for status 404. Several threads may call a function at the same time.
+            post: Function that executes a command of the page. It is called with the JSON object that the page sent to
+                the path "do", and returns a JSON value. If it raises a BetterError, the text of the error is sent to
+                the page.
+            host: Interface to listen on.
+            port: Port to listen on. 0 selects any free port.
+            verb: Command that shows the page ("better teleop"). Messages about rejected requests name it.
 
         Raises:
-            InvalidInputError: If the port is taken.
+            InvalidInputError: If the port is not available.
         """
         self._host, self._token = host, secrets.token_urlsafe(24)
         handler = functools.partial(_Handler, host=host, token=self._token, get=get, post=post, verb=verb)
@@ -81,7 +85,7 @@ class PlainServer:
 
     @property
     def url(self) -> str:
-        """The page address, with its token."""
+        """Address of the page, including the token."""
         return f"{origin_of(self._host, self.port)}/{self._token}/"
 
     @property
@@ -90,7 +94,7 @@ class PlainServer:
         return self._host in LOOPBACK_NAMES
 
     def close(self) -> None:
-        """Stop listening. Closing it again is harmless."""
+        """Stop listening. The method may be called more than once."""
         if self._thread.is_alive():
             self._server.shutdown()
             self._thread.join()
@@ -98,7 +102,7 @@ class PlainServer:
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):
-    """Answers of a :class:`PlainServer`."""
+    """Handler of the requests to a :class:`PlainServer`."""
 
     protocol_version = "HTTP/1.1"
     timeout = TIMEOUT_S
@@ -123,7 +127,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         make = self._get.get(inside)
         try:
             answer = None if make is None else make()
-        except (BetterError, OSError) as problem:  # such as a film that was removed
+        except (BetterError, OSError) as problem:  # for example, because a film has been removed
             self._send(HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain; charset=utf-8", f"{problem}\n".encode())
             return
         if answer is None:
@@ -138,7 +142,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             return
         length = self.headers.get("Content-Length", "")
         if inside != "do" or not re.fullmatch("[0-9]{1,9}", length) or int(length) > MOST_BYTES:
-            self.close_connection = True  # the unread body would be parsed as the next request
+            self.close_connection = True  # otherwise, the body that was not read would be parsed as the next request
             self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", b"This request cannot be read.\n")
             return
         try:
@@ -149,7 +153,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._send(HTTPStatus.OK, "application/json", json.dumps(answer).encode())
 
     def _inside(self) -> str | None:
-        """Return the path after the token, or None after a rejection."""
+        """Return the part of the path that follows the token.
+
+        If the request must be rejected, reject it and return None.
+        """
         hosts = self.headers.get_all("Host") or []
         given, _, rest = self.path.partition("?")[0].removeprefix("/").partition("/")
         if (
@@ -159,12 +166,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         ):
             return rest
         text = f"Access denied: open the address printed by {self._verb}, with its token.\n"
-        self.close_connection = True  # the body of a rejected request is not read
+        self.close_connection = True  # since the body of a rejected request is not read
         self._send(HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", text.encode())
         return None
 
     def _send_part(self, kind: str, data: bytes) -> None:
-        """Send a response, or only the requested range of it. Browsers need ranges to seek in a film."""
+        """Send a response, or the byte range of it that the browser requested in order to seek in a video."""
         found = _RANGE.fullmatch(self.headers.get("Range", ""))
         first, last = ("", "") if found is None else found.groups()
         if not (first or last) or (first and last and int(last) < int(first)):
@@ -193,4 +200,4 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.close_connection = True
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name in http.server
-        """Do not log requests, because their paths contain the token."""
+        """Write no log of requests, because their paths contain the secret token."""

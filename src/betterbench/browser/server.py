@@ -1,4 +1,4 @@
-"""Viser server that accepts only the page at its printed address."""
+"""Server that uses the library viser and can be reached only under the address that the command printed."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from betterbench.installation import missing_extra
 from betterbench.policies.serving.callers import LOOPBACK_NAMES
 
 STOP_S = 0.5
-"""Maximum time to wait for pages to close when the server stops [s]."""
+"""Longest time to wait for pages to close when the server stops [s]."""
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
-    """Return viser; raise MissingDependencyError if it is not installed."""
+    """Return the module viser. Raises MissingDependencyError if it is not installed."""
     try:
         return importlib.import_module("viser")
     except ImportError as problem:
@@ -31,13 +31,13 @@ def load_viser() -> Any:  # noqa: ANN401 - a module
 
 
 def free_port(host: str, port: int) -> int:
-    """Return the requested port if it is free, or any free port for 0.
+    """Return the requested port if it is free. For 0, return any free port.
 
-    Raise InvalidInputError if the requested port is not available.
+    Raises InvalidInputError if the requested port is not available.
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError(
-            "--port", f"{port} is not a port", "Give a number from 0 to 65535; 0 chooses a free port"
+            "--port", f"{port} is not a port", "Use a number from 0 to 65535; 0 chooses a free port"
         )
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -52,10 +52,10 @@ def free_port(host: str, port: int) -> int:
 
 
 class PageServer:
-    """A viser server behind a gate (:mod:`betterbench.browser.gate`).
+    """Server of the library viser, with access control added (see :mod:`betterbench.browser.gate`).
 
     Attributes:
-        viser: The viser server.
+        viser: Server object of viser.
         port: Port on which the server listens.
     """
 
@@ -63,19 +63,19 @@ class PageServer:
         """Start listening.
 
         Args:
-            host: Interface.
-            port: Port; 0 for any free port.
-            verb: CLI subcommand that serves the page ("better teleop").
-            complain: Receives reports of rejected messages.
+            host: Interface to listen on.
+            port: Port to listen on. 0 selects any free port.
+            verb: Subcommand that shows the page ("better teleop").
+            complain: Function that is called with an explanation for each rejected message.
 
         Raises:
             MissingDependencyError: If viser is not installed.
-            InvalidInputError: If the port is taken.
+            InvalidInputError: If the port is not available.
         """
         viser = load_viser()
         self._host = host
         wanted = free_port(host, port)
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # closed tabs are normal
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # closed tabs are normal and need no message
         self._incoming = IncomingMessages(complain)
         self._gate = Gate(host, self._incoming, verb=verb)
         with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
@@ -84,8 +84,8 @@ class PageServer:
         if not self._gate.is_closed:
             self.viser.stop()
             raise MissingDependencyError(
-                f"{verb} cannot control access to the server of this viser version ({viser.__version__}). Install "
-                f"the version required by the extra 'teleop'"
+                f"{verb} cannot control access to the server of this viser version ({viser.__version__}). "
+                "Install the version required by the extra 'teleop'"
             )
         if self.port != wanted:  # the port was taken in the meantime, and viser chose the next port
             self.viser.stop()
@@ -94,7 +94,7 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The page address, with its token."""
+        """Address of the page, including the token."""
         return f"{origin_of(self._host, self.port)}/{self._gate.token}"
 
     @property
@@ -103,16 +103,19 @@ class PageServer:
         return self._host in LOOPBACK_NAMES
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
-        """Register an element, so that its values are accepted. Its UUID is known only to the page."""
+        """Register an element of the panel, so that messages which change the element's value are accepted.
+
+        The element's UUID is random and known only to the page.
+        """
         self._incoming.expect(element._impl.uuid, kind)
 
     def close(self) -> None:
-        """Close all connections and stop listening. Wait at most :data:`STOP_S` for pages that do not respond."""
+        """Close all connections and stop the server. Wait at most :data:`STOP_S` for pages that do not respond."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)
 
     @property
     def is_busy(self) -> bool:
-        """Whether the server still waits for a page to close."""
+        """Whether the server is still waiting for a page to close."""
         return self._stopping.is_alive()

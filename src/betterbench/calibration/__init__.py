@@ -1,4 +1,7 @@
-"""Calibration: measured accuracy of the diagnosis on policies with known faults, analogous to mutation testing."""
+"""Calibration: measures how accurate the diagnosis is, using policies with known faults.
+
+The idea is similar to mutation testing of software.
+"""
 
 from betterbench.calibration.policies import CalibrationPolicy, calibration_policies
 from betterbench.calibration.power import PowerTrials, measure_power, power_trials

@@ -1,4 +1,4 @@
-"""Chance: the success rate of guessing a variation's instruction."""
+"""Success rate that a policy reaches on a variation by guessing the instruction."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from betterbench.tasks.interventions import vary
 
 
 def chance_of(task_name: str, name: str) -> float:
-    """Return the success rate of guessing a variation's instruction among those that are possible in its scene.
+    """Return the success rate of a policy that guesses the instruction of a variation.
 
-    Instructions with the same objects and targets in this scene, such as "the red mug" and "the bottom mug", are all
-    right guesses. An instruction that begins with all requested steps and continues is also right, because the trial
-    succeeds before the next step. A step that is done at the start does not need to be guessed.
+    The policy guesses with equal probability among all instructions that are possible in the scene. Instructions that
+    mean the same objects and targets in this scene, such as "the red mug" and "the bottom mug", all count as right
+    guesses. A guess that consists of all requested steps and further steps is also right, because the trial succeeds
+    before the further steps begin. Steps that are already done at the start do not have to be guessed.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
@@ -27,7 +28,10 @@ def chance_of(task_name: str, name: str) -> float:
 
 
 def _open_steps(instruction: Instruction, condition: Condition) -> list[object]:
-    """Return the requested steps that are not done in the initial state, in order, as sets of objects and targets."""
+    """Return the requested steps that are not done in the initial state, in order.
+
+    Each step is described by its objects, relation and target.
+    """
     return [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals

@@ -1,4 +1,4 @@
-"""Policies used in a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
+"""Policies that are run for a calibration: the expert, and faulty policies at several levels of fault and noise."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from betterbench.policies.experts import Address, expert_names
 from betterbench.policies.experts.address import EXPERT_FORM, ZOO_FORM
 
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Shares of the trials in which a rule applies, because policies do not always follow a habit."""
+"""Fractions of trials in which a faulty rule applies, since real policies do not always follow a habit."""
 
 ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
-"""Translation noise per control step for each strength [m]: none, 2 cm/s and 4 cm/s."""
+"""Standard deviation of the noise added to the translation of each control step, for each strength [m].
+
+The values correspond to none, 2 cm/s and 4 cm/s.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """Policy in a calibration, with its number of trials and its seed."""
+    """Policy that is run in a calibration, with its number of trials and its first seed."""
 
     address: Address
     trials: int
@@ -26,7 +29,7 @@ class CalibrationPolicy:
 
     @property
     def folder(self) -> str:
-        """Folder name of the policy's run within the calibration."""
+        """Name of the folder for the policy's run, inside the folder of the calibration."""
         name = self.address.name.replace(":", "-")
         return f"{name}-{round(100 * self.address.strength)}"
 
@@ -38,7 +41,7 @@ def calibration_policies(
     trials: int = 1,
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
-    """Return the expert, and every faulty policy at every strength.
+    """Return the policies that are run for a calibration: the expert, and every faulty policy at every fault strength.
 
     Raises:
         InvalidInputError: If a policy is unknown, or a number is out of range.
@@ -48,13 +51,15 @@ def calibration_policies(
     for name in policies:
         if name not in names:
             raise InvalidInputError(
-                "--policies", f"{name!r} is not a policy that can be calibrated", f"Give some of {', '.join(names)}"
+                "--policies",
+                f"{name!r} is not a policy that can be calibrated",
+                f"Use one or more of {', '.join(names)}",
             )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
         given = ", ".join(f"{s:g}" for s in strengths) or "nothing"
-        raise InvalidInputError("--strengths", f"{given} is out of range", "Give numbers greater than 0 and at most 1")
+        raise InvalidInputError("--strengths", f"{given} is out of range", "Use numbers greater than 0 and at most 1")
     if trials < 1:
-        raise InvalidInputError("--trials", f"{trials} is out of range", "Give a number of at least 1")
+        raise InvalidInputError("--trials", f"{trials} is out of range", "Use a number of at least 1")
     kept = [name for name in names if not policies or name in policies]
     planned = [CalibrationPolicy(Address(name), trials, seed) for name in experts if name in kept]
     for i, strength in enumerate(strengths):

@@ -1,8 +1,9 @@
-"""Measurement of the power matrix: every pretender (simulated faulty policy) on every variation, in resumable runs.
+"""Measurement of the power matrix by running simulated faulty policies on every variation. It can be resumed.
 
-The expert runs first and records which faulty rules agree with all its decisions. Such a rule would produce exactly the
-same episode, so its trial copies the expert's outcome, and the cell counts these shared trials. All other trials are
-simulated.
+The power matrix tells how often each simulated faulty policy (called a pretender) succeeds on each variation. The
+expert runs first and records which faulty rules agree with all its decisions in a trial. Such a rule would produce
+exactly the same episode as the expert. That trial is therefore not simulated: its outcome is copied from the expert,
+and the cell of the matrix counts it as shared. All other trials are simulated.
 """
 
 from __future__ import annotations
@@ -28,18 +29,19 @@ from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, built_in_suite, get_task, suite_tasks
 
 RULE_TRIALS = 6
-"""Number of trials per faulty rule and variation; a few suffice, because decisions hardly depend on the seed."""
+"""Number of trials per faulty rule and variation. A few are enough, since decisions hardly depend on the seed."""
 GUESS_TRIALS = 14
-"""Minimum number of trials without language.
+"""Smallest number of trials of a policy without language.
 
-A guess with a one-in-three chance is then right in more than half of the trials in 6 % of the cells (with 7 trials, in
-17 %).
+With it, a guess that is right with a chance of one in three is right in more than half of the trials in only 6 % of the
+cells. With 7 trials, this would happen in 17 %.
 """
 STILL_TRIALS = 2
-"""Number of trials of the policy that never moves; a few suffice, because they are all alike."""
+"""Number of trials of the policy that never moves. A few are enough, since they are all alike."""
 MOST_CHANCE = 0.9
-"""Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it
-always succeeds.
+"""Largest chance level for which a number of trials is computed.
+
+If only one instruction is possible, guessing it always succeeds.
 """
 ALPHA = 0.05
 
@@ -48,10 +50,10 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """Number of trials per pretender and variation; seeds begin at 0.
+    """Number of trials of each pretender (simulated faulty policy) on each variation. Their seeds start at 0.
 
     Attributes:
-        of: Number of trials by pretender and variation; the expert's number is the largest that any rule needs.
+        of: Number of trials by pretender and variation. The expert has the largest number that any faulty rule needs.
         chances: Success rate of guessing the instruction, by variation.
     """
 
@@ -60,13 +62,13 @@ class PowerTrials:
 
     @property
     def total(self) -> int:
-        """Number of all trials, including shared ones."""
+        """Number of all trials, including those that are copied from the expert."""
         return sum(n for row in self.of.values() for n in row.values())
 
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Outcome of one trial, with its cell of the power matrix."""
+    """Outcome of one trial, as it is counted in a cell of the power matrix."""
 
     success: bool
     right: bool
@@ -75,7 +77,10 @@ class _Outcome:
 
 
 def trials_to_flag(chance: float, cells: int) -> int:
-    """Return the number of trials at which a cell that always succeeds is significant, Holm-corrected at 5 %."""
+    """Return the smallest number of trials with which a cell that always succeeds differs significantly from chance.
+
+    The significance level is 5 %, with Holm's correction for all cells.
+    """
     n = 1
     while cells * chance_p(Rate(n, n), chance=chance) >= ALPHA:
         n += 1
@@ -83,17 +88,18 @@ def trials_to_flag(chance: float, cells: int) -> int:
 
 
 def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, probes: bool = True) -> PowerTrials:
-    """Return the trials of a matrix of the named tasks, or of the whole suite.
+    """Return the number of trials for each cell of a power matrix, for the named tasks or for the whole suite.
 
-    A pretender with a missing input gets enough trials for significance over all cells on a variation that it always
-    solves. Without ``probes``, only faulty rules are tried, which are few trials.
+    A pretender (simulated faulty policy) that lacks an input, such as the image, gets enough trials that a variation
+    which it always solves is significant after the correction for all cells. If ``probes`` is False, only policies with
+    faulty rules are run, which need few trials.
     """
     suite = [get_task(name) for name in suite_tasks(built_in_suite(tasks))]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
-    # Ambiguous variations have no right or wrong outcome.
+    # Ambiguous variations are left out, since they have no right or wrong outcome.
     keys = [(t.id, v.name) for t in chosen for v in t.variations if v.expected is not Expected.AMBIGUOUS]
-    # Count the cells of the full suite even if only a few tasks are measured, so that the trials stay the
-    # same.
+    # The cells of the full suite are counted even if only a few tasks are measured, so that the numbers of trials stay
+    # the same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}
     rules = {name: dict.fromkeys(keys, rule_trials) for name in witnessed() if name not in BLIND}
@@ -119,14 +125,14 @@ def measure_power(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> PowerMatrix:
-    """Run every pretender on every variation and return the matrix.
+    """Run every pretender (simulated faulty policy) on every variation, and return the power matrix.
 
-    The same call resumes an interrupted measurement. Trials in which a faulty rule decides as the expert does are not
-    simulated again.
+    The same call resumes an interrupted measurement. If a faulty rule makes the same decisions as the expert in a
+    trial, the outcome is copied from the expert instead of being simulated again.
 
     Raises:
         RunConflictError: If a folder already contains a different run.
-        RecordError: If a record cannot be read, or an error outside the policy ended a trial.
+        RecordError: If a record cannot be read, or if an error outside of the policy ended a trial.
     """
     total, before = planned.total, 0
     cells: dict[str, dict[Key, PowerCell]] = {}
@@ -159,7 +165,10 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the evaluation plan for one pretender, with its variation trials except those with a known outcome."""
+    """Return the plan for the run of one pretender (simulated faulty policy).
+
+    It contains all trials of the pretender except those whose outcome is already known.
+    """
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     # The baselines in FLOOR use end-effector deltas on every robot.
     space = EE_DELTA.name if address in FLOOR else None
@@ -184,7 +193,7 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return, for each trial, the faulty rules that agreed with all decisions of the expert."""
+    """Return, for each trial, the names of the faulty rules that agreed with every decision of the expert."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

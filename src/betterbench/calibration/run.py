@@ -1,4 +1,4 @@
-"""Execution of a calibration: one resumable run per policy, and the combined result."""
+"""Execution of a calibration: runs each policy in a run that can be resumed, and combines the results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """Progress of a calibration."""
+    """Progress of a calibration: number of finished trials, number of all trials, and the policy that is running."""
 
     done: int
     planned: int
@@ -24,7 +24,7 @@ class CalibrationProgress:
 
 
 def plan_of(entry: CalibrationPolicy, tasks: Sequence[str]) -> Plan:
-    """Return the plan for one policy in a calibration."""
+    """Return the plan for the run of one policy in a calibration."""
     return make_plan(str(entry.address), tasks=tasks, trials=entry.trials, seed=entry.seed, observation="state_only")
 
 
@@ -36,10 +36,10 @@ def calibrate(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run the policies, diagnose the records, and compare the labels with the true labels.
+    """Run the policies, diagnose their records, and compare the labels of the diagnosis with the true labels.
 
     Raises:
-        RunConflictError: If a folder contains another run.
+        RunConflictError: If a folder contains a different run.
         InvalidInputError: If a number is out of range.
         RecordError: If a record cannot be read.
     """
@@ -54,10 +54,10 @@ def run_plans(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> tuple[RunFolder, ...]:
-    """Run plans, each in a named folder below ``out``; the same call resumes them.
+    """Run several plans, each in the folder with the given name inside ``out``. Calling this again resumes them.
 
     Raises:
-        RunConflictError: If a folder contains another run.
+        RunConflictError: If a folder contains a different run.
     """
     total = sum(len(plan.trials) for plan in plans.values())
     before = 0
@@ -74,7 +74,7 @@ def run_plans(
 
 
 def assess(runs: Sequence[RunFolder]) -> Calibration:
-    """Return the calibration computed from the records and journals of finished runs."""
+    """Compute the accuracy of the diagnosis from the records and journals of finished runs."""
     trials: list[Judged] = []
     versions: dict[str, str] = {}
     left_out = 0
@@ -88,7 +88,7 @@ def assess(runs: Sequence[RunFolder]) -> Calibration:
 
 
 def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
-    """Return the ground truth that the policy reported for each finished episode."""
+    """Return the ground truth about each finished episode, as the faulty policy reported it."""
     done = (e for e in run.entries() if e.status == "done")
     return {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in done}
 
@@ -96,8 +96,8 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # trials that failed because of an error outside the policy have no ground truth; the run reports and repeats
-        # them
+        # A trial that was ended by an error outside of the policy has no ground truth. The run reports and repeats such
+        # trials.
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

@@ -1,4 +1,4 @@
-"""True label of a faulty policy's trial, from the policy's decisions and the trial's success."""
+"""True label of a trial of a faulty policy, derived from the policy's decisions and the success of the trial."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from betterbench.tasks import Expected
 
 
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
-    """Return the true label of a faulty policy's trial.
+    """Return the true label of a trial of a faulty policy.
 
-    A trial whose goal is met is a success regardless of the decisions. Otherwise, the first wrong decision determines
-    the label. If every decision was right, only the manipulation can have failed.
+    A trial that reaches its goal is a success, regardless of the policy's decisions. Otherwise, the first wrong
+    decision of the policy determines the label. If every decision was right, the failure must come from the
+    manipulation.
 
     Args:
-        ground_truth: Ground truth that the policy wrote to the journal about its episode.
+        ground_truth: Ground truth about the episode, which the policy wrote to the journal.
         expected: Behavior of a policy that understands the instruction: "succeed", "refuse" or "stay_still".
         success: Whether the trial succeeded according to the goal tracker that ran during the episode.
 

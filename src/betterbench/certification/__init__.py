@@ -1,8 +1,8 @@
-"""Certification: evidence for each trial that only the policy can cause a failure.
+"""Certification: evidence, for each trial, that only the policy can be the cause of a failure.
 
-The values (:mod:`~betterbench.certification.certificate`, :mod:`~betterbench.certification.coverage`,
-:mod:`~betterbench.certification.support`) can be read without a simulator; :mod:`~betterbench.certification.examine`
-and :mod:`~betterbench.certification.runner` need one.
+The modules that contain only data (:mod:`~betterbench.certification.certificate`,
+:mod:`~betterbench.certification.coverage`, :mod:`~betterbench.certification.support`) need no simulator.
+:mod:`~betterbench.certification.examine` and :mod:`~betterbench.certification.runner` need one.
 """
 
 from betterbench.certification.certificate import (

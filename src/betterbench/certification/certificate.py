@@ -1,4 +1,4 @@
-"""Certificate data: clauses and margins per trial, their summary, and JSON serialization."""
+"""Data of a certificate: the results of checking each trial's clauses, the margins, a summary, and the JSON form."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ CLAUSES: Mapping[str, str] = {
     "d": "every requested object can be reached without a collision",
     "e": "the scene matches the premise of the instruction",
 }
-"""The five clauses of a certificate (law 2 of the benchmark: every trial is solvable with trained motions)."""
+"""The five clauses of a certificate.
+
+Together they show law 2 of the benchmark: every trial can be solved with motions known from training.
+"""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Result of one clause, which states whether the clause holds, and an optional reason or remark."""
+    """Result of checking one clause of a certificate: whether the clause holds, and a reason or remark, if any."""
 
     passed: bool
     text: str = ""
@@ -45,19 +48,19 @@ class TrialCertificate:
 
     Attributes:
         condition: Name of the variation or of the training condition.
-        clauses: Result of each clause, "a" to "e".
-        steps: Number of control steps of the expert's episode.
-        penetration_mm: Deepest penetration between an object and another body in the initial state [mm], 0 without
-            penetration.
-        drift_mm: Largest motion of an untouched object in the first 0.2 s [mm].
+        clauses: Result for each clause of the certificate, by its letter "a" to "e".
+        steps: Number of control steps in the expert's episode.
+        penetration_mm: Depth of the deepest penetration between an object and another body in the initial state [mm],
+            or 0 without penetration.
+        drift_mm: Largest distance that an untouched object moves in the first 0.2 s [mm].
         joint_margin_rad: Smallest distance between an arm joint and its limit in the grasps planned for clause (d)
-            [rad]; None if none was planned.
-        support_slack_mm: Smallest distance from a pick or a target to the border of its jitter region [mm]; None if the
-            expert touched nothing.
-        watched: Whether the correct behavior is to touch nothing. Every episode then runs to the step limit.
-        primitives: Descriptions of the primitives in the expert's episode.
-        expert_s: Wall time of the expert's episode [s].
-        total_s: Wall time of the complete examination [s].
+            [rad]. None if no grasp was planned.
+        support_slack_mm: Smallest distance from the position of a pick or target to the border of the region in which
+            this position varies in training [mm]. None if the expert touched nothing.
+        watched: Whether the correct behavior is to touch nothing. If so, every episode runs until the step limit.
+        primitives: Descriptions of the motion primitives in the expert's episode.
+        expert_s: Wall-clock time of the expert's episode [s].
+        total_s: Wall-clock time of the complete examination [s].
     """
 
     task: str
@@ -94,18 +97,17 @@ class TrialCertificate:
 
     @property
     def key(self) -> TrialId:
-        """Trial name."""
+        """ID of the trial."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions that a certificate depends on, in addition to the seeds.
+    """Versions with which a certificate was made. It is valid only for these versions.
 
-    The suite version determines the random streams.
-
-    ``looks`` names the appearance set of objects and rooms in the examined trials; ``robot`` names the robot.
+    The version of the suite determines the random streams. ``looks`` is the appearance of objects and rooms in the
+    trials that were examined ("seen" or "unseen"), and ``robot`` is the name of the robot.
     """
 
     package: str
@@ -117,7 +119,7 @@ class CertificateVersions:
 
     @property
     def words(self) -> str:
-        """All versions as text, for messages."""
+        """All versions as one text, for use in messages."""
         tasks = "".join(f", {name} {number}" for name, number in self.tasks.items())
         versions = f"betterbench {self.package}, suite {self.suite}, MuJoCo {self.engine}{tasks}"
         return f"{versions}, {self.looks} looks, robot {self.robot}"
@@ -126,13 +128,13 @@ class CertificateVersions:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A finished certificate.
+    """Complete certificate with all examined trials.
 
     Attributes:
-        platform: Machine and operating system of the certification.
-        trials: All trials, in plan order.
-        wall_s: Wall time of all sessions together [s].
-        workers: Worker processes of the last session.
+        platform: Machine and operating system on which the trials were examined.
+        trials: All trials, in the order of the plan.
+        wall_s: Wall-clock time of all sessions together [s].
+        workers: Number of worker processes in the last session.
     """
 
     versions: CertificateVersions
@@ -145,7 +147,7 @@ class Certificate:
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """All seeds, sorted."""
+        """All seeds of the trials, sorted."""
         return tuple(sorted({t.seed for t in self.trials}))
 
     @property
@@ -155,24 +157,27 @@ class Certificate:
 
     @property
     def ambiguous(self) -> tuple[TrialCertificate, ...]:
-        """Trials with a broken premise. They have no right or wrong outcome."""
+        """Trials whose instruction assumes something false about the scene, so that no outcome is right or wrong."""
         return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
 
     @property
     def solved(self) -> Rate:
-        """Rate at which the expert solved the trials that are not ambiguous."""
+        """Fraction of the trials that the expert solved.
+
+        Ambiguous trials, which have no right outcome, do not count.
+        """
         rest = [t for t in self.trials if not _is_ambiguous(t.task, t.condition)]
         return Rate(sum(t.clauses["a"].passed for t in rest), len(rest))
 
     @property
     def expert_s(self) -> float:
-        """Mean wall time of the expert per trial [s]."""
+        """Mean wall-clock time that the expert needed per trial [s]."""
         return sum(t.expert_s for t in self.trials) / len(self.trials) if self.trials else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict.
+        """Return the certificate as a JSON-serializable dict.
 
-        Its summary per condition is for readers and is ignored by :meth:`from_json`.
+        For human readers, the dict includes a summary per condition, which :meth:`from_json` ignores.
         """
         form = asdict(self)
         form["seeds"] = seed_ranges(self.seeds)
@@ -182,14 +187,19 @@ class Certificate:
         return form
 
     def sealed_json(self) -> dict[str, Any]:
-        """Return the content of the certificate file, which is JSON with the file version and a checksum."""
+        """Return the content of the certificate file: JSON with the version of the file format and a checksum."""
         return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
-        """Read a certificate from JSON. Raises InvalidInputError if it is not a certificate of this schema version."""
+        """Parse a certificate given as JSON.
+
+        Raises InvalidInputError if it is not a certificate of this schema version.
+        """
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
-            raise InvalidInputError(where, "is not a certificate", "Give a certificate.json of better certify")
+            raise InvalidInputError(
+                where, "this is not a certificate", "Use a certificate.json written by better certify"
+            )
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
         form = {name: value for name, value in form.items() if name not in derived}
         return read_form(_CERTIFICATE, form, where=where, cure="Create it again with better certify")
@@ -200,7 +210,10 @@ _CERTIFICATE = TypeAdapter(Certificate)
 
 @functools.cache
 def _is_ambiguous(task: str, condition: str) -> bool:
-    """Return whether the premise of a condition is broken; False for an unknown condition."""
+    """Return whether the instruction of a condition assumes something false about the scene.
+
+    Return False for an unknown condition.
+    """
     try:
         return resolve_condition(task, condition).condition.expected is Expected.AMBIGUOUS
     except UnknownNameError:
@@ -209,15 +222,15 @@ def _is_ambiguous(task: str, condition: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Summary of one condition, with the numbers of trials and the smallest margins.
+    """Summary of the trials of one condition, with the smallest margins.
 
     Attributes:
         n: Number of trials.
-        passed: Number of trials for which all clauses hold.
-        clauses: Number of trials for which each clause holds.
-        steps_share: Largest fraction of the step limit that the expert needed in a solved trial. None if no trial was
-            solved, or if episodes always run to the limit.
-        notes: Distinct remarks on clauses, each with an example seed.
+        passed: Number of trials in which all clauses hold.
+        clauses: Number of trials in which the clause holds, for each clause.
+        steps_share: Largest number of steps in which the expert solved a trial, as a fraction of the step limit. None
+            if it solved no trial, or if the episodes always run until the limit.
+        notes: Remarks on clauses, without duplicates. A remark on a clause that fails names the seed of such a trial.
     """
 
     task: str
@@ -236,7 +249,7 @@ class Summary:
 
 
 def summaries(trials: Iterable[TrialCertificate]) -> tuple[Summary, ...]:
-    """Return one summary per condition, in the order in which the conditions appear."""
+    """Return one summary per condition, in the order in which the conditions first appear."""
     groups: dict[tuple[str, str], list[TrialCertificate]] = {}
     for t in trials:
         groups.setdefault((t.task, t.condition), []).append(t)
@@ -274,7 +287,7 @@ def _summary(group: list[TrialCertificate]) -> Summary:
 
 
 def seed_ranges(seeds: Iterable[int]) -> str:
-    """Format seeds as ranges ("0-19,23")."""
+    """Format seeds as ranges, for example "0-19,23"."""
     ranges: list[list[int]] = []
     for seed in sorted(set(seeds)):
         if ranges and seed == ranges[-1][1] + 1:
@@ -285,5 +298,5 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 
 def certificate_path(out: Path) -> Path:
-    """Return the path of the certificate in a folder."""
+    """Return the path of the certificate file in a folder."""
     return out / "certificate.json"

@@ -1,4 +1,4 @@
-"""Coverage of a certificate: the certified trials, in a file small enough to ship with the suite."""
+"""Coverage of a certificate: the list of certified trials, in a compact form that is shipped with the suite."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from betterbench.tasks.suite_folder import CERTIFICATE
 from betterbench.tasks.user_files import options_for, suite_file
 
 SOLVED_SHARE = 0.95
-"""Minimum share of a condition's trials that the expert must solve.
+"""Fraction of a condition's trials that the expert must solve.
 
-The remaining failures are attributed to the expert, and the trials are listed. Clauses (b) to (e) must hold for every
-trial.
+If it does, the other failures are attributed to the expert, and these trials are listed. Clauses (b) to (e) must hold
+in every trial.
 """
 MOST_SEEDS = 1_000_000
-"""Largest seed allowed in a range. Expanding a larger range from an untrusted file could exhaust memory."""
+"""Largest seed that is allowed in a range. Expanding a larger range from an untrusted file could exhaust the memory."""
 MAX_BYTES = 256 << 20
-"""Maximum size of a certificate file [byte]."""
+"""Size of the largest certificate file that is accepted [bytes]."""
 
 FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
 
 class Gap(NamedTuple):
-    """First trial not covered by a certificate, with the reason.
+    """First trial that a certificate does not cover, with the reason.
 
-    ``refused`` is True if the trial was examined with the current versions and failed, so that examining it again would
-    not help.
+    ``refused`` is True if the trial was examined with the current versions and failed. There is then no point in
+    examining it again.
     """
 
     trial: TrialId
@@ -48,12 +48,12 @@ class Gap(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Seeds:
-    """Seeds of one condition, as ranges ("0-19,23").
+    """Seeds of one condition, given as ranges ("0-19,23").
 
     Attributes:
-        certified: Certified seeds.
+        certified: Seeds that are certified.
         unsolved: Certified seeds that the expert did not solve.
-        refused: Seeds that were examined and failed, by the letters of the failed clauses.
+        refused: Seeds that were examined but not certified, by the letters of the clauses that failed.
     """
 
     certified: str = ""
@@ -64,7 +64,7 @@ class Seeds:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Certified seeds for each condition ("fast_food/L1"), and the versions with which they were certified."""
+    """Certified seeds of each condition ("fast_food/L1"), and the versions with which they were certified."""
 
     versions: CertificateVersions
     conditions: Mapping[str, Seeds]
@@ -74,7 +74,7 @@ class Coverage:
     def of(cls, certificate: Certificate) -> Coverage:
         """Return the coverage of a certificate.
 
-        A trial is covered if clauses (b) to (e) hold and the expert solves this trial or at least 95 % of the trials of
+        A trial is covered if clauses (b) to (e) hold and the expert solved the trial or at least 95 % of the trials of
         its condition.
         """
         groups: dict[str, list[Any]] = {}
@@ -97,25 +97,25 @@ class Coverage:
         return cls(certificate.versions, conditions)
 
     def only(self, current: CertificateVersions) -> Coverage:
-        """Return the coverage restricted to some tasks.
+        """Return a coverage that contains only some of the tasks.
 
         Args:
-            current: Current versions, including those of the tasks.
+            current: Current versions. Its tasks are the tasks to keep.
 
         Raises:
-            InvalidInputError: If one of the tasks was certified under other versions.
+            InvalidInputError: If one of the tasks was certified with other versions.
         """
         for name, number in current.tasks.items():
             then = replace(self.versions, tasks={name: self.versions.tasks.get(name, 0)})
             now = replace(current, tasks={name: number})
             if then != now:
-                problem = f"{name} was certified under {then.words}, but the versions in use are {now.words}"
+                problem = f"{name} was certified with {then.words}, but the versions in use are {now.words}"
                 raise InvalidInputError("certificate", problem, "Certify this task again as well")
         kept = {name: seeds for name, seeds in self.conditions.items() if name.partition("/")[0] in current.tasks}
         return Coverage(current, kept)
 
     def joined(self, other: Coverage, tasks: Sequence[str]) -> Coverage:
-        """Merge this coverage with the coverage of other tasks, in the order of ``tasks``."""
+        """Return the union of this coverage and the coverage of other tasks, in the order of ``tasks``."""
         numbers = {**self.versions.tasks, **other.versions.tasks}
         conditions = sorted(
             {**self.conditions, **other.conditions}.items(), key=lambda c: tasks.index(c[0].split("/")[0])
@@ -123,7 +123,7 @@ class Coverage:
         return Coverage(replace(self.versions, tasks=dict(sorted(numbers.items()))), dict(conditions))
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; empty entries are left out."""
+        """Return the coverage as a JSON-serializable dict. Empty entries are left out."""
         form = asdict(self)
         form["conditions"] = {
             name: {key: value for key, value in seeds.items() if value} for name, seeds in form["conditions"].items()
@@ -140,13 +140,18 @@ class Coverage:
         looks: Looks = "seen",
         robot: str = USUAL_ROBOT,
     ) -> Gap | None:
-        """Return the first trial that is not covered, or None."""
+        """Return the first trial that the certificate does not cover, with the reason.
+
+        Return None if all trials are covered.
+        """
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None
         if self.versions.suite != suite:
-            stale = f"the certificate was made for suite version {self.versions.suite}, the installed one is {suite}"
+            stale = (
+                f"the certificate was made for suite version {self.versions.suite}, but version {suite} is installed"
+            )
         elif _minor(self.versions.engine) != _minor(engine):
-            stale = f"the certificate was made with MuJoCo {self.versions.engine}, the installed one is {engine}"
+            stale = f"the certificate was made with MuJoCo {self.versions.engine}, but MuJoCo {engine} is installed"
         elif self.versions.looks != looks:
             stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} looks"
         elif self.versions.robot != robot:
@@ -158,8 +163,7 @@ class Coverage:
                 return Gap(trial, stale)
             if made_for is not None and made_for != here:
                 reason = (
-                    f"the certificate was made for version {made_for} of {trial.task}, the installed one is version "
-                    f"{here}"
+                    f"the certificate was made for version {made_for} of {trial.task}, but version {here} is installed"
                 )
                 return Gap(trial, reason)
             if trial.seed not in seeds.get(name, ()):
@@ -167,7 +171,7 @@ class Coverage:
         return None
 
     def unsolved(self, trials: Iterable[TrialId]) -> tuple[TrialId, ...]:
-        """Return the covered trials of a plan that the expert did not solve."""
+        """Return the given trials that are covered even though the expert did not solve them."""
         seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
         return tuple(t for t in trials if t.seed in seeds.get(f"{t.task}/{t.condition}", ()))
 
@@ -185,39 +189,44 @@ _COVERAGE = TypeAdapter(Coverage)
 
 
 def _minor(version: str) -> str:
-    """Return the major and minor version; contacts, and therefore scores, change between minor versions."""
+    """Return the major and minor part of a MuJoCo version.
+
+    Contact forces can change between minor versions of MuJoCo, and with them the scores.
+    """
     return ".".join(version.split(".")[:2])
 
 
 def parse_ranges(text: str) -> frozenset[int]:
-    """Parse ranges of seeds ("0-19,23"). Raises InvalidInputError if it is malformed."""
+    """Parse ranges of seeds, for example "0-19,23". Raises InvalidInputError if the text is malformed."""
     found: set[int] = set()
     for part in text.split(",") if text else ():
         low, _, high = part.partition("-")
         ends = (low, high or low)
         if not all(e.isdecimal() and e.isascii() and len(e) <= 7 for e in ends) or int(ends[1]) > MOST_SEEDS:
             shown = one_line(part, most=80)
-            raise InvalidInputError("seeds", f"{shown!r} is not a range of seeds", "Write ranges like 0-19,23")
+            raise InvalidInputError("seeds", f"{shown!r} is not a range of seeds", "Write ranges such as 0-19,23")
         found.update(range(int(ends[0]), int(ends[1]) + 1))
     return frozenset(found)
 
 
 def packaged_coverage(suite: str = "better60") -> Coverage:
-    """Return the certificate packaged with a built-in suite."""
+    """Return the coverage of the certificate that is packaged with a built-in suite."""
     file = resources.files("betterbench.certification").joinpath("data", packaged_name(suite))
     return _load(file, f"packaged certificate of {suite}")
 
 
 def packaged_name(suite: str) -> str:
-    """Return the name of the packaged certificate's file for a built-in suite."""
+    """Return the file name of the certificate that is packaged with a built-in suite."""
     return f"{suite}.json"
 
 
 def coverage_of(tasks: Iterable[str]) -> Coverage:
-    """Return the coverage of some tasks, from the folder of their suite or from the package.
+    """Return the coverage of the certificate that applies to the given tasks.
+
+    For a suite in a folder, it is read from this folder, otherwise from the package.
 
     Raises:
-        InvalidInputError: If the certificate of the folder is unreadable.
+        InvalidInputError: If the certificate in the folder cannot be read.
     """
     tasks = tuple(tasks)
     own = suite_file(tasks, CERTIFICATE)
@@ -225,15 +234,15 @@ def coverage_of(tasks: Iterable[str]) -> Coverage:
 
 
 def load_coverage(path: Path) -> Coverage:
-    """Read the coverage from a certificate, its folder or a coverage file.
+    """Read a coverage from a certificate, from the folder of a certificate, or from a coverage file.
 
-    Raises InvalidInputError if the file is unreadable.
+    Raises InvalidInputError if the file cannot be read.
     """
     return _load(path / "certificate.json" if path.is_dir() else path, str(path))
 
 
 def _load(file: Traversable | Path, where: str) -> Coverage:
-    cure = "Give a certificate.json of better certify"
+    cure = "Use a certificate.json written by better certify"
     data = read_bounded(file, max_bytes=MAX_BYTES, cure=cure) if isinstance(file, Path) else file.read_bytes()
     form = open_seal(data, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)
@@ -257,13 +266,20 @@ def cure_for(
     robot: str = USUAL_ROBOT,
     unmeasured: Sequence[str] = (),
 ) -> str:
-    """Return the remedy for an uncertified trial of a run whose first seed is ``first``.
+    """Return an instruction for the user, which says how to deal with a trial that is not certified.
 
-    ``tasks`` are all tasks of the run, because one certificate must cover the complete run; empty for the whole suite.
-    ``unmeasured`` are tasks from user files whose demonstrations must be measured first.
+    Args:
+        gap: Trial that is not certified, with the reason.
+        tasks: All tasks of the run, because one certificate must cover the complete run. Empty if the run contains the
+            whole suite.
+        first: First seed of the run.
+        trials: Number of trials per variation.
+        looks: Appearance of objects and rooms in the run ("seen" or "unseen").
+        robot: Name of the robot.
+        unmeasured: Tasks defined in user files whose demonstrations must be measured first.
     """
     if gap.refused:
-        return "Choose other seeds with --seed and --trials, or run it with --uncertified"
+        return "Choose other seeds with --seed and --trials, or run the trials with --uncertified"
     named, arm = " ".join(("", *tasks)), f" --robot {robot}" if robot != USUAL_ROBOT else ""
     chosen = options_for(tasks) + (f" --tasks{named}" if named else "")
     seed = (f" --seed {first}" if first else "") + (f" --looks {looks}" if looks != "seen" else "") + arm

@@ -1,4 +1,4 @@
-"""Measurement of demonstrations: release points and final object poses in the training conditions."""
+"""Measurement of demonstrations: where objects are released and where they come to rest in the training conditions."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import RELATIONS
 
 MOST_POSES = 12
-"""Maximum number of final poses per asset and target region. Later poses are dropped."""
+"""Largest number of final poses that are kept per asset and target region. Later poses are dropped."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """Placement in a demonstration, in the units of ``Releases`` and ``FinalPoses``."""
+    """Placement of an object in a demonstration, in the units of ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -52,12 +52,12 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Measured demonstration of the expert.
+    """Measurements made in one demonstration of the expert.
 
     Attributes:
-        problem: Reason why the demonstration failed; empty if it succeeded.
-        puts: Its placements.
-        together: Final poses of the objects at each target that received several objects.
+        problem: Reason why the demonstration failed. Empty if it succeeded.
+        puts: Every placement of an object in the demonstration.
+        together: Final poses of the objects, for each target on or in which several objects were placed.
     """
 
     task: str
@@ -69,15 +69,17 @@ class Demonstration:
 
     @property
     def key(self) -> TrialId:
-        """Trial name."""
+        """ID of the trial that was demonstrated."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return the demonstrations to measure for a task, cycling through its training conditions.
+    """Return the demonstrations of a task that are to be measured. They use the training conditions in turn.
 
-    Returns: Demonstrations without pre-placed objects, followed by demonstrations that start with objects pre-placed as
-    measured in the former.
+    Returns:
+        Two lists: demonstrations that start with no object at a target, and demonstrations that start with some objects
+        already at a target. In the second kind, these objects start in final poses that were measured in the first
+        kind.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -86,12 +88,12 @@ def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...]
 
 
 def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: str | None = None) -> Demonstration:
-    """Run one demonstration of the expert and return its placements.
+    """Run one demonstration of the expert, and measure the placements in it.
 
     Args:
-        trial: A training condition and a seed of demonstrations.
-        so_far: Measurements so far, which determine the poses of pre-placed objects.
-        robot: Name of the robot; default: the robot for which the task is laid out.
+        trial: Training condition, with a seed for demonstrations.
+        so_far: Measurements made so far. They determine the initial poses of objects that are already at a target.
+        robot: Name of the robot. By default, it is the robot for which the task is made.
     """
     task = get_task(trial.task)
     with measured_so_far(task.id, so_far):
@@ -110,7 +112,7 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: st
 
 
 def _together(left: Sequence[Preplaced], relation: str) -> tuple[JointPoses, ...]:
-    """Return the final poses of the objects at each target that received several objects."""
+    """Return the final poses of the objects, for each target on or in which several objects were placed."""
     places: dict[tuple[str, str, str], list[FinalPose]] = {}
     for p in left:
         places.setdefault(p.place, []).append(FinalPose(p.kind, p.asset, LeaningPose.of(p.pose)))
@@ -144,14 +146,14 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Aggregate the measurements from a task's demonstrations; unsolved demonstrations are ignored."""
+    """Combine the measurements from several demonstrations of a task. Demonstrations that failed are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}
     left: dict[tuple[str, str, str, str, str, str], list[FlatPose]] = {}
     for put in puts:
         places.setdefault((put.slot, put.relation, put.region, put.level), []).append(put)
-        if RELATIONS[put.relation].surface is not None:  # objects can be pre-placed at this target
+        if RELATIONS[put.relation].surface is not None:  # objects may be at this target from the start
             what = (put.kind, put.asset, put.target_kind, put.target_asset, put.relation, put.region)
             left.setdefault(what, []).append(put.pose)
     return Demonstrated(
@@ -169,7 +171,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return the sorted heights, without those within 0.5 mm of the previous one."""
+    """Return the heights in ascending order, omitting each that is at most 0.5 mm above the previous one."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

@@ -1,4 +1,4 @@
-"""Examination of one trial in the simulator: the five clauses of a certificate."""
+"""Examination of one trial in the simulator, which checks the five clauses (conditions) of a certificate."""
 
 from __future__ import annotations
 
@@ -37,18 +37,22 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4
-"""Number of control steps without motion during which an initial state must stay at rest: 0.2 s."""
+"""Number of control steps for which the robot does not move and the objects must stay at rest: 0.2 s."""
 DRIFT_M = 0.001
-"""Largest motion of an untouched object in that time [m]."""
+"""Largest distance that an untouched object may move in this time [m]."""
 PENETRATION_M = 0.0015
-"""Largest penetration accepted as normal contact of MuJoCo's soft constraints [m]. Resting assets penetrate by less
-than 0.5 mm.
+"""Largest penetration that is accepted as normal contact, since MuJoCo's constraints are soft [m].
+
+Assets at rest penetrate by less than 0.5 mm.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class InitialRest:
-    """Result of clause (c), with the largest penetration and drift in the initial state [mm]."""
+    """Result of clause (c) of a certificate, which requires that objects are at rest in the initial state.
+
+    The result includes the depth of the largest penetration [mm] and the largest motion of an object [mm].
+    """
 
     clause: Clause
     penetration_mm: float
@@ -57,7 +61,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Result of clause (a), and the result of every primitive in the expert's episode."""
+    """Results for clause (a) of a certificate (the expert solves the trial) and for each of its motion primitives."""
 
     clause: Clause
     steps: int
@@ -66,7 +70,7 @@ class _Episode:
 
 
 def examine(trial: TrialId, *, looks: Looks = "seen", robot: str | None = None) -> TrialCertificate:
-    """Examine all clauses for a trial. Raises UnknownNameError for an unknown trial."""
+    """Examine a trial against all clauses of a certificate. Raises UnknownNameError if the trial does not exist."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -85,7 +89,7 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str | None = None,
 ) -> TrialCertificate:
-    """Examine one seed of a condition. The condition may be unregistered."""
+    """Examine one seed of a condition against all clauses of a certificate. The condition need not be registered."""
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot
@@ -122,7 +126,7 @@ def examine_condition(
 
 
 def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
-    """Check clause (c): run a few control steps without moving the arm."""
+    """Check clause (c) of a certificate: all objects are at rest while the arm does not move for some control steps."""
     before = scene.reset(check_premise=False)
     span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)
@@ -145,7 +149,7 @@ def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
 
 
 def _penetration(scene: Scene) -> tuple[float, str]:
-    """Return the largest penetration between an object and another body [m], and the names of the pair."""
+    """Return the depth of the largest penetration between an object and another body [m], and the names of both."""
     contact = scene.data.contact
     names, n = scene.body_names, len(scene.info.objects)
     deepest, where = 0.0, ""
@@ -181,18 +185,19 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
 
 
 def _shut_targets(condition: Condition) -> tuple[str, ...]:
-    """Return the drawers that are closed in the initial state and must receive an object."""
+    """Return the drawers that are initially closed although an object must be put into them."""
     targets = dict.fromkeys(g.target for g in condition.instruction.subgoals)
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 
 
 def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp for each object of the instruction that is not at its goal yet.
+    """Plan a grasp for each object in the instruction that is not at its goal yet.
 
     Returns:
-        Per object, the reason why no grasp was found, or None. Drawers always have a reason, because no grasp of the
-        handle is planned. Also returns the smallest distance between an arm joint and its limit in the planned grasps
-        [rad], or None if there is no plan.
+        Two values. The first maps the name of each object to the reason why no grasp was found, or to None if one was
+        found. Drawers always have a reason, because grasps of their handles are not planned here. The second value is
+        the smallest distance between an arm joint and its limit in the planned grasps [rad], or None if there is no
+        plan.
     """
     condition = scene.condition
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
@@ -219,7 +224,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return the result of clause (d): each object has a planned grasp, or the expert succeeds."""
+    """Return the result of clause (d) of a certificate: every object can be grasped, or the expert succeeds anyway."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
@@ -233,12 +238,13 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """Episode of the expert, with its primitives.
+    """Result of running the expert in a scene, with the motion primitives of its episode.
 
     Attributes:
-        problem: Reason for a failure, empty if solved.
-        steps: Control steps.
-        left: Objects at a target in the last state.
+        problem: Reason why the expert failed. Empty if it solved the trial.
+        steps: Number of control steps.
+        primitives: Motion primitives, in order.
+        left: Objects that are at a target when the episode ends.
     """
 
     problem: str
@@ -248,7 +254,7 @@ class Watched:
 
 
 def watch_expert(scene: Scene) -> Watched:
-    """Run the expert on the trial and extract the primitives of its episode."""
+    """Run the expert in a scene, and extract the motion primitives of the episode."""
     task, condition = scene.task, scene.condition
     state = scene.reset(check_premise=False)
     tracker = GoalTracker(condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz)
@@ -275,7 +281,7 @@ def watch_expert(scene: Scene) -> Watched:
 
 
 def _expert(scene: Scene) -> _Episode:
-    """Run the expert on the trial and compare its primitives with the training distribution."""
+    """Run the expert in a scene, and compare its motion primitives with the training distribution."""
     trained = TrainedSupport.of(scene.task, demonstrated(scene.task, engine=engine_version()))
     began = time.perf_counter()
     watched = watch_expert(scene)
@@ -288,7 +294,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Return the reason why the expert failed."""
+    """Describe the reason why the expert has failed."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]

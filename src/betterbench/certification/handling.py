@@ -1,8 +1,9 @@
-"""Handling: picks, puts and slides in an episode, derived from the recorded states.
+"""Motion primitives of an episode (picks, puts and slides), derived from the recorded states.
 
-A **pick** stores the last pose of the object at rest before the gripper touched it. A **put** stores the release point
-and the resulting relation between the object and a target. A **slide** is a motion of a drawer along its rails. For a
-**pre-placed** object, which is at its target from the start, the pose is stored.
+A **pick** contains the last pose in which the object was at rest before the gripper touched it. A **put** contains the
+point at which the object was released, and the resulting relation between the object and a target. A **slide** is a
+motion of a drawer along its rails. An object is **pre-placed** if it is at its target from the start, in which case its
+pose is stored.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from betterbench.tasks.relations.closed import GAP
 from betterbench.tasks.relations.placing import foot
 
 SLIDE_M = GAP
-"""Minimum distance that a drawer must move to count as moved [m]."""
+"""Distance that a drawer must move at least to count as moved [m]."""
 LONGEST_CHAIN = 8
-"""Maximum number of supports between a target and a slot. A stack of four on an object in a mounted drawer has six."""
+"""Largest number of supports between a target and a slot. A stack of four on an object in a mounted drawer has six."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Pick of an object. ``pose`` is its last ``T_world_object`` at rest before the gripper touched it."""
+    """Motion primitive in which the gripper picks up an object.
+
+    ``pose`` is the last pose ``T_world_object`` in which the object was at rest before the gripper touched it.
+    """
 
     object: str
     kind: str
@@ -35,9 +39,10 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Release point of an object, given by the height of its base above the table and its position at the target [m].
+    """Position of an object when the gripper released it [m].
 
-    The position is in the target's frame, relative to the center of the target region.
+    The height is that of the object's base above the table. The horizontal position is given in the frame of the
+    target, relative to the center of the target region.
     """
 
     height_m: float
@@ -47,20 +52,21 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Put of an object, with its target and the slot below.
+    """Motion primitive in which the gripper puts down an object. It names the target and the slot below the target.
 
     Attributes:
         kind: Kind of the object.
         asset: Identity of the object's asset.
-        relation: Name of the relation to the target, or None if the object was dropped on the way.
-        region: Region of the target, if the target has several.
-        slot: Slot of the target or of the support below it; None if there is none.
-        level: Number of objects between this object and the slot, without the mount of a drawer.
+        relation: Name of the object's relation to the target, or None if the object was dropped on the way.
+        region: Region of the target, if the target has several regions.
+        slot: Slot of the target or of the support below it, or None if there is none.
+        level: Number of objects between this object and the slot. The cabinet in which a drawer is mounted does not
+            count.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the target's asset.
-        target_pose: Pose of the center of the target region at that time, ``T_world_middle``; equal to ``pose`` without
-            a target.
-        release: Release point.
+        target_pose: Pose ``T_world_middle`` of the center of the target region when the object came to rest. Without a
+            target, it is equal to ``pose``.
+        release: Position of the object when the gripper released it.
     """
 
     object: str
@@ -85,9 +91,9 @@ class Preplaced:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset.
+        asset: Identity of the object's asset.
         target_asset: Identity of the target's asset.
-        pose: Pose ``T_middle_object`` relative to the center of the target region.
+        pose: Pose ``T_middle_object`` of the object relative to the center of the target region.
     """
 
     object: str
@@ -100,13 +106,16 @@ class Preplaced:
 
     @property
     def place(self) -> tuple[str, str, str]:
-        """Kind, asset and region of the target."""
+        """Kind of the target, asset of the target, and target region, in which the object is pre-placed."""
         return self.target_kind, self.target_asset, self.region
 
 
 @dataclass(frozen=True, slots=True)
 class DrawerMove:
-    """Opened or closed drawer, with the slot of its cabinet."""
+    """Motion primitive in which a drawer is opened or closed.
+
+    It contains the slot in which the drawer's cabinet stands.
+    """
 
     object: str
     kind: str
@@ -117,17 +126,17 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Tracker of the primitives in an episode. Pass it every state since reset, in order."""
+    """Tracker of the motion primitives in an episode. It must be given all states since the reset, in order."""
 
     def __init__(self, task: Task, condition: Condition, *, finger_moves_m: float = 0.0) -> None:
-        """Initialize the tracker for an episode.
+        """Prepare for an episode.
 
         Args:
             task: Task of the episode.
             condition: Condition of the episode.
             finger_moves_m: Distance that the gripper moves to bring its fixed finger into contact before the jaw closes
-                [m], see ``Jaw.closing_shift_m``. A push up to this distance is part of the grasp, even if contact is
-                lost before the jaw closes. 0 for parallel jaws.
+                [m]; see ``Jaw.closing_shift_m``. It is 0 for parallel jaws. If the gripper pushes an object by at most
+                this distance, the push counts as part of the grasp, even if contact is lost before the jaw closes.
         """
         self._finger_moves_m = finger_moves_m
         self._condition = condition
@@ -144,7 +153,7 @@ class Handling:
         self._last: WorldState | None = None
 
     def update(self, state: WorldState) -> None:
-        """Process the next state."""
+        """Process the next state of the episode."""
         if self._last is None:
             for o in state.info.objects:
                 (self._shut_at if o.role == "drawer" else self._stood)[o.name] = state.pose(o.name)
@@ -181,15 +190,15 @@ class Handling:
             self._settle(state)
 
     def finish(self) -> tuple[Primitive, ...]:
-        """Return all primitives of the episode, sorted by start time, slides last."""
+        """Return all motion primitives of the episode, sorted by the time at which they began. Slides come last."""
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())
 
     def left(self) -> tuple[Preplaced, ...]:
-        """Return the objects whose final position is one at which objects can be pre-placed.
+        """Return the objects whose final position is one in which objects may also be at the start of another trial.
 
-        Their final poses may differ from those after their puts, because objects placed later can move them.
+        An object's final pose may differ from the pose after it was put down, because objects placed later can move it.
         """
         state, relation = self._last, self._relations[0]
         if state is None or relation.surface is None:
@@ -207,7 +216,7 @@ class Handling:
         return tuple(sorted(found, key=lambda p: (p.kind, p.asset, p.target_kind, p.region)))
 
     def _settle(self, state: WorldState) -> None:
-        """Record the pose at which a released object came to rest."""
+        """Store the pose in which a released object came to rest."""
         name = self._settling
         if name is None:
             return
@@ -230,7 +239,10 @@ class Handling:
     def _put(
         self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
     ) -> Put:
-        """Return the put of an object. It has no target if the object was dropped on the way."""
+        """Return the motion primitive of putting down an object.
+
+        If no target is given, the object was dropped on the way.
+        """
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state
@@ -254,7 +266,10 @@ class Handling:
 
 
 def _middle_of(state: WorldState, target: str, relation: str | None, region: str) -> Pose:
-    """Return the pose of a target region's center, ``T_world_middle``; without a relation, the object's pose."""
+    """Return the pose ``T_world_middle`` of the center of a target region.
+
+    If no relation to a target is given, return the object's pose.
+    """
     frame = state.pose(target)
     if relation is None:
         return frame
@@ -262,7 +277,10 @@ def _middle_of(state: WorldState, target: str, relation: str | None, region: str
 
 
 def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
-    """Return the objects at rest at a target at the start, in an order that does not depend on their names."""
+    """Return the objects that are at rest at a target when the episode starts.
+
+    The order of the returned objects does not depend on their names.
+    """
     found = []
     for name, place in condition.preplaced.items():
         pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)
@@ -280,7 +298,10 @@ def _in_fingers(state: WorldState, name: str) -> bool:
 
 
 def ground_of(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
-    """Return the slot below an object (or None), its level above the slot without mounts, and the lowest object."""
+    """Return the slot below an object (or None), the object's level above the slot, and the lowest object of the stack.
+
+    The cabinets in which drawers are mounted do not count as levels.
+    """
     level = 1
     for _ in range(LONGEST_CHAIN):
         mount = condition.object(name).mount

@@ -1,7 +1,7 @@
-"""Journal of a certification, from which it can be resumed: a header with versions, and one synced line per trial.
+"""Journal of a certification. After an interruption, the certification is resumed from it.
 
-The lines of a version 2 journal are linked by hashes, starting with the header. Version 1 journals are read with a
-warning.
+The first line contains the versions. Every further line contains one trial and is flushed to the disk. In journals of
+version 2, each line is linked to the previous one by a hash. Journals of version 1 can be read, with a warning.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from betterbench.tasks import TrialId
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
 _MOST_HEADER = 10_000
 CURE = "Restore the file from a copy, or work in a new folder"
-"""Remedy for a changed line."""
+"""Remedy for a line of the journal that has been changed."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
-    """First line of a journal: its kind, and the versions at its creation."""
+    """First line of a journal: the kind of the journal, and the versions with which it was created."""
 
     form: str
     package_version: str = ""
@@ -41,7 +41,10 @@ class JournalHeader:
     robot: str = USUAL_ROBOT
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict. The default robot is omitted, as in earlier journals."""
+        """Return the header as a JSON-serializable dict.
+
+        The default robot is left out, as in journals of earlier versions.
+        """
         form = asdict(self)
         if self.robot == USUAL_ROBOT:
             del form["robot"]
@@ -70,15 +73,15 @@ def holds_journal(folder: Path) -> bool:
 
 
 class VersionedJournal(LineJournal):
-    """Journal that can only be resumed with the same versions, by one process at a time.
+    """Journal that can be resumed only with the same versions, and only by one process at a time.
 
     Raises:
-        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
+        RunConflictError: If another process writes to the folder, or if the journal was started with other versions.
         RecordError: If a line is corrupt.
     """
 
     form: ClassVar[str]
-    """Kind of the journal, as stated in its first line."""
+    """Kind of the journal, which its first line names."""
 
     def __init__(self, path: Path, versions: CertificateVersions, *, renews: bool = False) -> None:
         self._versions = versions
@@ -102,7 +105,7 @@ class VersionedJournal(LineJournal):
             self._link = link or self._link
 
     def _take_in_line(self, form: dict[str, Any], where: str) -> None:
-        """Read a line after the header; ``where`` is its location for error messages."""
+        """Parse a line after the header. ``where`` is the location of the line, for messages."""
         raise NotImplementedError
 
     def _check_header(self, line: bytes) -> None:
@@ -115,21 +118,25 @@ class VersionedJournal(LineJournal):
         for name, value in asdict(replace(self._header, version=found.version)).items():
             if (there := getattr(found, name)) != value:
                 raise RunConflictError(
-                    f"{self._path}: started with {name} {one_line(there, most=80)}, but {value} is in use now. {cure}."
+                    f"{self._path}: the journal was started with {name} {one_line(there, most=80)}, but "
+                    f"{value} is in use now. {cure}."
                 )
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield :func:`~betterbench.jobs.line_journal.linked_forms` of the lines after the header."""
+    """Yield each line after the header as a JSON object, together with the link that it contains.
+
+    See :func:`~betterbench.jobs.line_journal.linked_forms`.
+    """
     header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
     before = link_after("", header.to_json())
     yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)
 
 
 class CertificationJournal(VersionedJournal):
-    """Certification journal. Trials examined with another task version are examined again.
+    """Journal of a certification. Trials that were examined with another version of their task are examined again.
 
-    Raises as :class:`VersionedJournal` does.
+    Raises the errors of :class:`VersionedJournal`.
     """
 
     form = "betterbench certification journal"
@@ -141,11 +148,11 @@ class CertificationJournal(VersionedJournal):
 
     @property
     def wall_s(self) -> float:
-        """Wall time of all sessions together [s]."""
+        """Wall-clock time of all sessions together [s]."""
         return round(sum(self._sessions.values()), 3)
 
     def append(self, trial: TrialCertificate, *, session: str, elapsed_s: float) -> None:
-        """Append an examined trial and sync it to disk."""
+        """Append a trial that has been examined, and flush the file to the disk."""
         self._append_form(asdict(_Line(trial, self._versions.tasks[trial.task], session, round(elapsed_s, 3))))
         self.trials[trial.key] = trial
         self._sessions[session] = elapsed_s

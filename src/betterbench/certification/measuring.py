@@ -1,4 +1,4 @@
-"""Measurement of demonstrations for several tasks, with worker processes and a journal."""
+"""Measurement of the demonstrations of several tasks, using worker processes and a journal."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ _LINE = TypeAdapter(_Line)
 
 
 class DemonstrationJournal(VersionedJournal):
-    """Journal of a measurement, open for appending by one process at a time.
+    """Journal of measured demonstrations, to which one process at a time can append.
 
-    Demonstrations of another task version are measured again. Raises as :class:`VersionedJournal` does.
+    Demonstrations that were measured with another version of their task are measured again. Raises the errors of
+    :class:`VersionedJournal`.
     """
 
     form = "betterbench demonstrations journal"
@@ -48,7 +49,7 @@ class DemonstrationJournal(VersionedJournal):
         super().__init__(folder / DEMONSTRATIONS_NAME, versions)
 
     def append(self, found: Demonstration) -> None:
-        """Append a demonstration and sync it to disk."""
+        """Append a demonstration that has been measured, and flush the file to the disk."""
         self._append_form(asdict(_Line(found, self._versions.tasks[found.task])))
         self.found[found.key] = found
 
@@ -67,30 +68,32 @@ def measure(
     robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure the demonstrations of some tasks, except those already in the folder's journal.
+    """Measure the demonstrations of the given tasks.
+
+    Demonstrations that the journal in the folder already contains are not repeated.
 
     Args:
         tasks: Names of the tasks.
         out: Folder of the journal.
-        number: Demonstrations per task, cycling through its training conditions.
-        workers: Worker processes.
+        number: Number of demonstrations per task. They use the training conditions in turn.
+        workers: Number of worker processes.
         robot: Name of the robot.
-        on_progress: Called at the start of each pass and after every demonstration.
+        on_progress: Function that is called at the start of each pass and after every demonstration.
 
     Raises:
-        InvalidInputError: If there are fewer demonstrations than training conditions, or the number of workers is out
-            of range.
+        InvalidInputError: If there are fewer demonstrations than training conditions, or if the number of workers is
+            out of range.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
+        RunConflictError: If another process writes to the folder, or if the journal was started with other versions.
         RecordError: If the journal is corrupt.
     """
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     for task in chosen:
         if number < len(task.training):
             problem = f"{number} demonstrations do not cover the {len(task.training)} training conditions of {task.id}"
-            raise InvalidInputError("--demonstrations", problem, "Give a larger number")
+            raise InvalidInputError("--demonstrations", problem, "Use a larger number")
     if not 1 <= workers <= 256:
-        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
+        raise InvalidInputError("--workers", f"{workers} is out of range", "Use a number from 1 to 256")
     plans = {task.id: planned_demonstrations(task, number) for task in chosen}
     planned = [trial for plan in plans.values() for trials in plan for trial in trials]
     with DemonstrationJournal(out, versions_in_use([t.id for t in chosen], robot=robot)) as journal:
@@ -118,20 +121,26 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId)
 
 
 def destination(task: str) -> Path | None:
-    """Return the output path next to the file that defines a task, or None for a task of a packaged suite."""
+    """Return the file to which the measurements of a task in a user file are written. It is next to the user file.
+
+    Return None for a task of a packaged suite.
+    """
     own = companion_of(task)
     return None if own is None else own.path
 
 
 def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
-    """Write the measurements into the package, or next to the user's file that defines a task; return the paths."""
+    """Write the measurements into the package or, for tasks defined in user files, next to these files.
+
+    Return the paths of the written files.
+    """
     files: dict[Path | None, dict[str, Demonstrated]] = {}
     for task, measured in found.items():
         files.setdefault(destination(task), {})[task] = measured
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # other file types cannot be loaded
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another type could not be loaded
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

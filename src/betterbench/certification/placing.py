@@ -1,8 +1,8 @@
-"""Adaptation of a task to another robot: base position, and the objects within its reach.
+"""Adaptation of a task to another robot: determines where the robot's base stands and which objects it can reach.
 
-All positions of a task are in the base frame of its original robot. For another robot, the base is moved to the
-position from which this robot reaches the most slots. The slots do not move. The result is a separate task with its own
-name, version, demonstrations and certificate.
+All positions of a task are given in the base frame of its original robot. For another robot, the base is moved to the
+position from which this robot reaches the most slots, while the slots stay where they are. The result is a separate
+task with its own name, version, demonstrations and certificate.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from betterbench.tasks import Task, suite_of, task_to_json
 from betterbench.tasks.authoring.laid_out import laid_out
 
 GRID_M = 0.01
-"""Grid spacing of the candidate base positions [m]."""
+"""Distance between neighboring candidates for the position of the base [m]."""
 FARTHEST_M = 0.8
-"""Largest displacement of the base along each axis [m]."""
+"""Largest distance by which the base is moved along each axis [m]."""
 OBJECT_HEIGHT_M = 0.03
-"""Height above the table of the grasps for which the reach is computed [m]."""
+"""Height of grasps above the table for which the reach is computed [m]."""
 MARGIN_M = 0.01
-"""Required distance of a slot from the limits of the reach, to allow for jitter [m]."""
+"""Distance that a slot must keep from the limits of the reach, since objects are placed randomly around it [m]."""
 WIDEST_RAD = math.radians(100.0)
-"""Maximum angle between a slot and the robot's forward direction [rad]."""
+"""Largest angle between the forward direction of the robot and a slot [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A task laid out for another robot.
+    """Task that has been adapted to another robot.
 
     Attributes:
-        task: The adapted task, named after the original task and the robot, with "placed" at the end if a packaged task
-            has that name.
-        base_m: Position of the robot's base, in the base frame of the original's robot [m].
-        outside: Names of the slots that are out of reach from this position.
+        task: Adapted task. It is named after the original task and the robot. If a packaged task already has this name,
+            "placed" is added to it.
+        base_m: Position of the robot's base, in the base frame of the original robot [m].
+        outside: Names of the slots that the robot cannot reach from this position.
     """
 
     task: Task
@@ -53,13 +53,13 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class GraspCount:
-    """Number of trials with a planned grasp of one object.
+    """Number of trials in which a grasp could be planned for a certain object.
 
     Attributes:
         name: Name of the object.
-        planned: Number of trials with a planned grasp.
+        planned: Number of trials in which a grasp was found.
         trials: Number of trials in which the object must be grasped.
-        reason: Most frequent reason why no grasp was found; empty if a grasp was always found.
+        reason: Most frequent reason why no grasp was found. Empty if a grasp was found in every trial.
     """
 
     name: str
@@ -70,13 +70,13 @@ class GraspCount:
 
 @dataclass(frozen=True, slots=True)
 class Feasibility:
-    """Feasibility of a task for its robot, measured in the training conditions.
+    """Result of checking in the training conditions whether a robot can do a task.
 
     Attributes:
         solved: Number of trials that the expert solved.
         trials: Number of trials.
-        grasps: Grasps planned from the initial state, one entry per object.
-        problem: Most frequent reason why the expert failed; empty without failures.
+        grasps: Results of planning grasps from the initial state, one entry per object.
+        problem: Most frequent reason why the expert failed. Empty if it always succeeded.
     """
 
     solved: int
@@ -86,9 +86,9 @@ class Feasibility:
 
 
 def ring_of(spec: RobotSpec) -> tuple[float, float]:
-    """Return the minimum and maximum horizontal distance from the reach center at which a robot can grasp [m].
+    """Return the smallest and the largest horizontal distance from the center of reach at which a robot can grasp [m].
 
-    The tool points straight down.
+    The values apply to grasps in which the tool points straight down.
     """
     limits = spec.steering
     up = OBJECT_HEIGHT_M + limits.back_m - limits.center[2]
@@ -97,16 +97,15 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 
 
 def place_task(task: Task, spec: RobotSpec) -> Placed:
-    """Adapt a task to another robot, with the base at the position where the fewest slots are out of reach.
+    """Adapt a task to another robot. The base is moved to the position from which the fewest slots are out of reach.
 
-    Ties are resolved in favor of the position whose slots are closest to the middle of the reach.
-
-    Raises InvalidInputError if the task is already laid out for this robot.
+    Among equally good positions, the one is chosen for which the slots are closest to the middle of the robot's reach.
+    Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:
         problem = f"{task.id} is already laid out for robot {spec.name!r}"
-        raise InvalidInputError("--robot", problem, "Give another robot, or use the original task")
-    form = task_to_json(task)  # includes the slots of the operations
+        raise InvalidInputError("--robot", problem, "Choose another robot, or use the original task")
+    form = task_to_json(task)  # includes the slots that operations add
     slots = np.array([(slot["x"], slot["y"]) for slot in form["slots"]])
     near, far = ring_of(spec)
     center = np.array(spec.steering.center[:2])
@@ -126,9 +125,9 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
 
 
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:
-    """Plan grasps from the initial state and run the expert, for each training condition and each of the first seeds.
+    """Check whether a robot can do a task by planning grasps from the initial state and running the expert.
 
-    ``on_trial`` is called after each trial.
+    This is done for each training condition with each of the first seeds. ``on_trial`` is called after each trial.
     """
     solved, total = 0, 0
     tried, planned, problems = Counter[str](), Counter[str](), Counter[str]()
@@ -139,7 +138,7 @@ def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] 
             scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
             found, _ = planned_grasps(scene, scene.reset(check_premise=False))
             problem = watch_expert(scene).problem
-        except BetterError as error:  # for example, poses of pre-placed objects that were not measured
+        except BetterError as error:  # for example, because final poses of demonstrations were not measured
             found, problem = {}, one_line(error)
         for name, reason in found.items():
             tried[name] += 1

@@ -1,4 +1,4 @@
-"""Check whether a certificate covers the trials of a run."""
+"""Check that a certificate covers the trials of a run before the run starts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,17 @@ _NAMED = 5
 
 
 def require_certified(plan: Plan, certificate: Path | None = None) -> str:
-    """Check that a certificate covers every trial of a plan, and return a note about uncertified or unsolved trials.
+    """Check that a certificate covers every trial of a plan.
 
-    Without a path, the certificate of the suite is used, from the package or from the folder of the suite. If it covers
-    only the seen looks, unseen looks are allowed, and the note states that they are not certified. The note is empty if
-    all trials are certified and solved by the expert.
+    Return a note about trials that are not certified or that the expert did not solve.
+
+    If no path is given, the certificate of the suite is used, which is in the package or in the folder of the suite. If
+    this certificate covers only objects and rooms with the appearance of the demonstrations ("seen"), a plan with
+    "unseen" looks is still accepted, and the note says that its trials are not certified. The note is empty if all
+    trials are certified and were solved by the expert.
 
     Raises:
-        InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
+        InvalidInputError: If a trial is not covered. The message names the first such trial and the remedy.
     """
     planned = [t.id for t in plan.trials]
     tasks = dict.fromkeys(t.task for t in planned)
@@ -48,13 +51,13 @@ def require_coverage(
     looks: Looks = "seen",
     robot: str = USUAL_ROBOT,
 ) -> str:
-    """Check that a certificate covers every planned trial, and return a note about trials that the expert failed.
+    """Check that a certificate covers all planned trials. Return a note about trials that the expert did not solve.
 
-    The note is empty if the expert solved all trials. The ``seed`` and ``trials_per_variation`` of the run are used in
-    the suggested command.
+    The note is empty if the expert solved all trials. The message of an error suggests a command, which contains the
+    ``seed`` and ``trials_per_variation`` of the run.
 
     Raises:
-        InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
+        InvalidInputError: If a trial is not covered. The message names the first such trial and the remedy.
     """
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in trials)}
     gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks, robot=robot)

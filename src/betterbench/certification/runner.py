@@ -1,4 +1,4 @@
-"""Certification of many trials in worker processes, with a journal and a final certificate."""
+"""Certification of many trials in worker processes. It writes a journal and, at the end, a certificate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 
 def versions_in_use(tasks: Sequence[str], *, robot: str = USUAL_ROBOT) -> CertificateVersions:
-    """Return the current versions that a certificate for some tasks and a robot depends on."""
+    """Return the current versions on which a certificate for the given tasks and robot depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers, robot=robot)
 
@@ -43,22 +43,22 @@ def certify(
     robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial not yet in the folder's journal, and write ``certificate.json``.
+    """Examine every trial that the journal in the folder does not contain yet, and write ``certificate.json``.
 
     Returns:
         Certificate of these trials, in the given order.
 
     Raises:
-        InvalidInputError: If no trial is given, the number of workers is out of range, or a task's demonstrations have
-            not been measured with the current versions.
+        InvalidInputError: If no trial is given, if the number of workers is out of range, or if a task's demonstrations
+            have not been measured with the versions in use.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
+        RunConflictError: If another process writes to the folder, or if the journal was started with other versions.
         RecordError: If the journal is corrupt.
     """
     if not trials:
-        raise InvalidInputError("trials", "no trials to certify", "Give at least one trial")
+        raise InvalidInputError("trials", "there are no trials to certify", "Pass at least one trial")
     if not 1 <= workers <= 256:
-        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
+        raise InvalidInputError("--workers", f"{workers} is out of range", "Use a number from 1 to 256")
     for trial in trials:
         resolve_condition(trial.task, trial.condition)
     versions = replace(versions_in_use([t.task for t in trials], robot=robot), looks=looks)
@@ -87,7 +87,7 @@ def certify(
 
 
 def write_coverage(certificate: Certificate | Coverage, path: Path) -> Path:
-    """Write the compact form of a certificate, one condition per line."""
+    """Write the coverage of a certificate as JSON, with one condition per line. Return the path of the file."""
     coverage = certificate if isinstance(certificate, Coverage) else Coverage.of(certificate)
     form = sealed_form({"version": 2, **coverage.to_json()})
     lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
@@ -97,5 +97,5 @@ def write_coverage(certificate: Certificate | Coverage, path: Path) -> Path:
 
 
 def write_json(path: Path, form: object) -> None:
-    """Write a JSON document with :class:`DurableFile`."""
+    """Write a JSON document to a file and flush it to the disk, so that it is not lost in a power failure."""
     write_durably(path, (json_text(form, indent=1, allow_nan=False) + "\n").encode())

@@ -1,4 +1,7 @@
-"""Support of a training distribution: its picks, placements and drawer moves, compared with those of an episode."""
+"""Support of a training distribution: the picks, placements and drawer movements that occur in training.
+
+The motion primitives of an episode are compared with this support.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +17,27 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, Fl
 from betterbench.tasks.relations import RELATIONS
 
 POSITION_TOLERANCE_M = 0.001
-"""Tolerance around a slot's jitter region [m], equal to the drift that clause (c) allows."""
+"""Tolerance around the region in which objects are placed randomly in a slot [m].
+
+It is the motion that clause (c) allows.
+"""
 YAW_TOLERANCE_RAD = 0.02
-"""Tolerance beyond a slot's yaw jitter [rad], larger than any rotation of assets at rest."""
+"""Tolerance beyond the random rotation of an object in a slot [rad]. Assets at rest never turn by that much."""
 PUSHED_TOLERANCE_M = 0.005
-"""Position tolerance of a movable target [m]. Placing an object on it may push it by this distance."""
+"""Position tolerance for a movable target [m], which may be pushed by this distance when an object is placed on it."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
-"""Maximum distance [m] and rotation [rad] between a pre-placed object and the nearest final pose in demonstrations."""
+"""Largest distance [m] and rotation [rad] between a pre-placed object and the nearest final pose in demonstrations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Result for one primitive, with the reason why it is outside the training distribution (or None), and its slack.
+    """Result of comparing one motion primitive with the training distribution.
 
-    The slack is the distance to the border of the jitter region [m], negative outside, or None without a jitter region.
+    Attributes:
+        text: Description of the primitive.
+        problem: Reason why the primitive is outside the training distribution, or None if it is inside.
+        slack_m: Distance from the primitive's position to the border of the region in which this position varies in
+            training [m]. It is negative outside the region, and None if there is no such region.
     """
 
     text: str
@@ -36,7 +46,7 @@ class Found:
 
 
 class Apart(NamedTuple):
-    """Largest deviation of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
+    """Largest deviations of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
 
     aside_m: float
     turned: float
@@ -47,10 +57,14 @@ class TrainedSupport:
     """Support of a task's training distribution.
 
     Attributes:
-        demonstrated: Release points and final poses of the training demonstrations.
-        relation: Relation for pre-placed objects.
-        targets: Relation, target kind and region of every placement.
-        spots: Slot, relation, region and level of every placement.
+        demonstrated: Release points and final poses in training demonstrations.
+        relation: Relation between pre-placed objects and their target.
+        pick_slots: Slots from which objects are picked in training.
+        grasped: Kinds of objects that are picked in training.
+        targets: Relation, kind of target and region of every placement in training.
+        spots: Slot, relation, region and level of every placement in training.
+        slides: Kind and slot of every drawer that is moved in training.
+        slots: All slots of the task by name.
     """
 
     demonstrated: Demonstrated
@@ -64,9 +78,9 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives of the training conditions and of the demonstrations.
+        """Collect the motion primitives that occur in a task's training conditions and demonstrations.
 
-        Closing a drawer is a slide. Every other subgoal is a pick of its object and a put at its target.
+        Closing a drawer is a slide. Every other subgoal consists of a pick of its object and a put at its target.
         """
         picks: dict[str, Slot] = {}
         grasped: set[str] = set()
@@ -101,7 +115,10 @@ class TrainedSupport:
         )
 
     def judge_all(self, primitives: Sequence[Primitive]) -> tuple[Found, ...]:
-        """Return the result for each primitive of an episode. Pre-placed objects at one target are judged together."""
+        """Compare all motion primitives of an episode with the training distribution. Return one result per primitive.
+
+        Objects that are pre-placed at the same target are judged together.
+        """
         places: dict[tuple[str, str, str], list[Preplaced]] = {}
         for p in primitives:
             if isinstance(p, Preplaced):
@@ -115,7 +132,7 @@ class TrainedSupport:
         )
 
     def judge(self, primitive: Primitive) -> Found:
-        """Judge whether a primitive is inside the support."""
+        """Return whether a motion primitive is inside the training distribution, with the reason if it is not."""
         if isinstance(primitive, Pick):
             return self._judge_pick(primitive)
         if isinstance(primitive, DrawerMove):
@@ -166,7 +183,10 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Describe the deviation of a release from the demonstrated releases at its target, or return None."""
+        """Describe how a release deviates from the releases at the same target in training.
+
+        Return None if it does not deviate.
+        """
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -194,9 +214,9 @@ class TrainedSupport:
         return Found(text, f"{text}, {far} from the nearest pose in which demonstrations leave such an object", None)
 
     def _apart(self, there: Sequence[Preplaced]) -> Apart | None:
-        """Return the smallest deviation of several objects at one target from their final poses in a demonstration.
+        """Return how much several objects at one target deviate from the most similar demonstration.
 
-        None if no measured demonstration has the same assets there.
+        Return None if no measured demonstration has the same assets at this target.
         """
         known = self.demonstrated.joint_poses_at(there[0].target_asset, self.relation, there[0].region)
         deviations = []
@@ -225,16 +245,19 @@ def _is_near(pose: Pose, trained: FlatPose) -> bool:
 
 
 def _offset_m(pose: Pose, trained: FlatPose) -> float:
-    """Return the horizontal distance of two poses at a target [m]."""
+    """Return the horizontal distance between two poses that are relative to the same target [m]."""
     return math.dist(pose.position[:2], (0.001 * trained.x_mm, 0.001 * trained.y_mm))
 
 
 def _turn(pose: Pose, trained: FlatPose) -> float:
-    """Return the yaw of a pose relative to a training pose, in [-pi, pi] [rad]."""
+    """Return the yaw of a pose relative to a pose in training [rad]. It is in [-pi, pi]."""
     return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance from a pose to the border of a slot's jitter region [m], negative outside."""
+    """Return how far a pose is inside the region of a slot in which the positions of objects vary [m].
+
+    The distance is measured to the border of the region. It is negative outside.
+    """
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

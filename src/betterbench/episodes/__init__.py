@@ -1,6 +1,7 @@
-"""Episodes: rollouts of a policy in a scene, with records.
+"""Episodes: running a policy in a scene, and recording the result.
 
-Each public name is imported from its module at first use, so that the process of a policy imports no simulator.
+Each public name is imported from its module when it is first used, so that the process of a policy imports no
+simulator.
 """
 
 from typing import TYPE_CHECKING

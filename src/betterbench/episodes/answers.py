@@ -1,4 +1,4 @@
-"""Exchange between an episode and its policy: requests, replies, and handling of policy errors."""
+"""Exchange between an episode and its policy: requests, replies, and the handling of policy errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Request of an episode to its policy.
+    """Request that an episode makes to its policy.
 
-    This is a named tuple for speed, like :class:`Reply`, because every control step creates one.
+    Like :class:`Reply`, it is a named tuple for speed, since every control step creates one.
 
     Attributes:
-        seen: Start of the episode (no actions are requested), observation, or privileged state.
-        wanted_in: Number of control steps that can be executed before the reply is needed; 0 if the episode must wait.
+        seen: Input for which actions are requested, which is an observation or a privileged state. For the request at
+            the start of an episode, which asks for no actions, it is the description of the episode.
+        wanted_in: Number of control steps that can be executed before the reply is needed. It is 0 if the episode must
+            wait for the reply.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -28,11 +30,12 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Reply of a policy, with its latency.
+    """Reply of a policy, and the time that the policy took.
 
     Attributes:
-        actions: Reply as an unchecked array of any shape and type; empty at the start of an episode.
-        took_s: Time from request to reply [s].
+        actions: Array that the policy returned. Its shape and type have not been checked yet. It is empty in the reply
+            at the start of an episode.
+        took_s: Time from the request to the reply [s].
     """
 
     actions: np.ndarray
@@ -43,12 +46,12 @@ _NO_ACTIONS = np.empty(0)
 
 
 def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> Reply:
-    """Send a request to a policy and wait for its reply.
+    """Send a request to a policy and wait for the reply.
 
     Raises:
         PolicyError: If the policy raises any exception.
         PolicyUnavailableError: If the policy's server cannot be reached.
-        HandshakeError: If the server now serves a different policy.
+        HandshakeError: If the policy's server now serves a different policy.
     """
     began = time.perf_counter()
     try:
@@ -60,17 +63,19 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
         else:
             actions = np.asarray(policy.act(seen))  # type: ignore[union-attr]
     except BaseException:
-        # the code above is repeated here for speed, because a privileged policy answers at every control step
+        # For speed, the context is entered only after an error, since a privileged policy is called at every control
+        # step.
         with POLICY_BOUNDARY:
             raise
     return Reply(actions, time.perf_counter() - began)
 
 
 class PolicyBoundary:
-    """Context manager that converts exceptions of a policy into a :class:`PolicyError`. It ends only this trial.
+    """Context manager that converts an exception of a policy to a :class:`PolicyError`.
 
-    Two errors that affect the whole run are not converted: an unreachable server, and changed conventions of a server.
-    The context manager has no state, so one instance is shared.
+    This ends only the current trial. Two errors concern the whole run and are therefore not converted: the policy's
+    server cannot be reached, or its conventions have changed. The context manager has no state, so all callers share
+    one instance.
     """
 
     __slots__ = ()
@@ -81,10 +86,10 @@ class PolicyBoundary:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Raise PolicyError if the policy failed."""
+        """Raise a PolicyError if the code in this context has raised an exception."""
         if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
             raise PolicyError(described(problem)) from problem
 
 
 POLICY_BOUNDARY = PolicyBoundary()
-"""Shared instance of :class:`PolicyBoundary`."""
+"""Instance of :class:`PolicyBoundary` that all callers share."""

@@ -1,4 +1,4 @@
-"""Execution of action chunks: times of requests, and the action of each control step."""
+"""Execution of action chunks: when the next chunk is requested, and which action is executed at each control step."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from betterbench.interface import EpisodeStart, Execution, Observation, episode_
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 
-if TYPE_CHECKING:  # a policy server uses this module to check chunks, without a simulator
+if TYPE_CHECKING:  # a policy server, which has no simulator, uses this module to check chunks
     from betterbench.episodes.observer import Observer, Views
     from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:
-    """Executor of action chunks. It requests chunks and returns the action for each control step.
+    """Execution of action chunks. It requests chunks, and returns the action for each control step.
 
-    With ``ahead``, the next chunk is requested while actions of the current chunk remain. When it arrives, its actions
-    for past steps are dropped. The observation for a chunk and the step of each action therefore do not depend on the
-    speed of the policy.
+    With ``ahead``, the next chunk is requested while actions of the current chunk are still left. When the next chunk
+    arrives, the actions in it for steps that have passed are dropped. The observation for a chunk and the step of each
+    action therefore do not depend on the speed of the policy.
     """
 
     def __init__(
         self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
-        """Initialize for an episode that started at the time ``began`` of ``time.perf_counter`` [s]."""
+        """Prepare for an episode that started at time ``began`` [s], as measured by ``time.perf_counter``."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # number of actions to drop from the next reply because their steps have passed
+        self._passing = 0  # number of actions in the next reply whose steps will have passed
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
@@ -45,7 +45,7 @@ class Chunks:
         self._world_steps: dict[bool, list[float]] = {
             False: [],
             True: [],
-        }  # step times in scenes that render during steps, for steps without and with rendering
+        }  # durations of steps without and with rendering, for scenes that render during steps
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -54,7 +54,7 @@ class Chunks:
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Send the policy its next instruction, and drop its remaining actions for the previous instruction."""
+        """Give the policy its next instruction. Actions that are left from the previous instruction are dropped."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -67,8 +67,8 @@ class Chunks:
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
         """Return the action to execute now.
 
-        Raises InvalidActionError if a reply is not an array of actions. A ``privileged`` policy is called directly in
-        this thread, so nothing is yielded.
+        Raises InvalidActionError if a reply is not an array of actions. If ``privileged`` is given, this policy is
+        called directly in this thread, so no requests are yielded.
         """
         if privileged is not None:
             return self._next_of(privileged, state)
@@ -80,7 +80,7 @@ class Chunks:
             self._asked = False
             actions = self._answered((yield from self._pause(question)))
             if not self._execution.ahead and actions.shape == (self._scene.action_space.dim,):
-                return actions  # checked by the caller, which applies it immediately
+                return actions  # the caller checks the action and applies it immediately
             self._queue_up(actions, passed)
         if self._asks_ahead(state.step):
             self._asked, self._passing = True, len(queue)
@@ -91,17 +91,18 @@ class Chunks:
         if self._queue:
             return self._queue.popleft()
         reply = answer(policy, state)
-        self._simulation_s -= reply.took_s  # this clock includes the answer
+        self._simulation_s -= reply.took_s  # the simulation time includes the answer, so it is subtracted
         actions = self._answered(reply)
         if actions.shape == (self._scene.action_space.dim,):
-            return actions  # checked by the caller, which applies it immediately
+            return actions  # the caller checks the action and applies it immediately
         self._queue_up(actions, 0)
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images if the next request is due, before any other use of the state.
+        """If the next request is made at this step, render its images now. Call this before any other use of the state.
 
-        Rendering evicts the CPU caches. With this order, they are refilled only once before the next action.
+        Rendering evicts data from the CPU caches. If it comes first, the caches have to be filled only once before the
+        next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -109,25 +110,26 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Return whether the policy is called at a step after the current action."""
+        """Return whether the policy will get a request at the given control step, which follows the current action."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Record the duration [s] of a step in a scene that renders during steps, and whether this step rendered."""
+        """Store how long a step took [s] in a scene that renders during steps, and whether it rendered images."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the rendering time during steps [s], by which steps with images take longer than steps without images.
+        """Return the time that rendering took in scenes that render during steps [s].
 
-        The result is 0 if every step had images, because the two cannot be separated then.
+        The time is estimated as the difference between steps with images and steps without images. It is 0 if every
+        step has images, since rendering cannot be separated from simulation then.
         """
         plain, drawn = self._world_steps[False], self._world_steps[True]
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
 
     def wall_figures(self) -> dict[str, float]:
-        """Return the wall-clock time of the episode and of its parts [s]."""
+        """Return the wall-clock time of the whole episode and of its parts [s]."""
         now = time.perf_counter()
         drawn_s = self._drawn_in_world_s()
         simulated = self._simulation_s + now - self._resumed - self._observe_s - drawn_s
@@ -143,12 +145,15 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether to request the next chunk while the queue is executed. Near the end, this is unnecessary."""
+        """Return whether the next chunk is requested before all actions of the current chunk are used.
+
+        If the current chunk lasts until the step limit of the episode, no further chunk is requested.
+        """
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 
     def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
-        """Yield to the caller, and exclude the waiting time from the simulation time."""
+        """Yield to the caller. The time until the caller continues does not count as simulation time."""
         self._simulation_s += time.perf_counter() - self._resumed
         try:
             return (yield question)
@@ -156,7 +161,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the input for the policy, which is an observation, or the state for a privileged policy."""
+        """Return the input of the policy: an observation, or the state for a privileged policy."""
         if self._observer is None:
             return state
         began = time.perf_counter()
@@ -166,14 +171,14 @@ class Chunks:
         return observation
 
     def _answered(self, reply: Reply | None) -> np.ndarray:
-        """Return the array of a reply."""
+        """Store the time that a reply took, and return the array in the reply."""
         if reply is None:
-            raise AssertionError("a reply was due")
+            raise AssertionError("unreachable: a reply was due")
         self._latencies.append(reply.took_s)
         return reply.actions
 
     def _queue_up(self, answer: np.ndarray, passed: int) -> None:
-        """Queue the actions of a reply, except the first ``passed`` ones."""
+        """Queue the actions in a reply, except the first ``passed`` ones, whose control steps have already passed."""
         queue = self._queue
         chunk = checked_chunk(answer, self._scene.action_space)
         horizon = self._limit if self._execution.horizon is None else self._execution.horizon
@@ -186,7 +191,7 @@ class Chunks:
             raise InvalidActionError(msg)
 
     def _mean(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Call the policy, and return the weighted mean of its predictions for this step."""
+        """Request a chunk, and return the weighted mean of all predictions for this step."""
         space, predictions, step = self._scene.action_space, self._predictions, state.step
         answer = self._answered((yield from self._pause(Question(self._see(state)))))
         predictions.append((step, checked_chunk(answer, space)))
@@ -197,10 +202,11 @@ class Chunks:
 
 
 def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
-    """Check a reply and return it as a new chunk, shape (horizon, dim), float64.
+    """Check a reply, and return it as a new array (horizon, dim) float64.
 
     Raises:
-        InvalidActionError: If the reply is neither one action nor an array of actions, or contains a non-finite number.
+        InvalidActionError: If the reply is neither one action nor an array of actions, or if it contains a number that
+            is not finite.
     """
     if answer.ndim == 0 and answer.dtype.kind not in "fiub":
         msg = (
@@ -228,10 +234,10 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
 
 
 def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
-    """Return the weighted mean of (n, dim) predictions for one step, the oldest first; shape (dim,).
+    """Return the weighted mean (dim,) of several predictions (n, dim) for one step, of which the oldest comes first.
 
-    The weights are exp(-m i) for the rate m, with i = 0 for the oldest. A quaternion and its negative are the same
-    rotation, so their signs are aligned first.
+    Prediction i has the weight exp(-m i) with the given rate m; i = 0 is the oldest prediction. Since a quaternion and
+    its negative are the same rotation, the signs of quaternions are made equal first.
     """
     if "qw" in space.components:
         first = space.components.index("qw")

@@ -1,4 +1,4 @@
-"""Metadata of episode records."""
+"""Metadata in the records of episodes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Properties of a trial that are not part of its scene.
+    """Facts about a trial that cannot be read from its scene.
 
-    They are None for a training condition or without images.
+    Facts that only variations have are None for a training condition. ``camera_preset`` is None if the policy gets no
+    images.
     """
 
     policy: str
@@ -26,7 +27,10 @@ class TrialContext:
 
 
 def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> RecordMetadata:
-    """Return the metadata of an episode's record. It depends only on the trial, not on the time or the machine."""
+    """Return the metadata for the record of an episode.
+
+    It depends only on the trial, not on the time or the machine.
+    """
     found = scene.described(images=context.camera_preset is not None)
     return RecordMetadata(
         task=scene.task.id,

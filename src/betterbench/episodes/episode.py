@@ -1,4 +1,4 @@
-"""Episode loop: observe, act, step, judge and record."""
+"""Loop of an episode: observe, act, simulate, judge and record."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """Result of an episode: record, wall-clock times, and states.
+    """Result of an episode.
 
     Attributes:
-        record: Privileged record, which depends only on trial and policy.
-        wall: Wall-clock times, which are not part of the record [s].
-        states: State of each row of the record.
+        record: Record of the episode including privileged state. It depends only on the trial and the policy.
+        wall: Wall-clock time that each part of the episode took [s]. These times are not part of the record.
+        states: Simulation state for each row of the record.
     """
 
     record: Record
@@ -46,18 +46,23 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""Maximum number of states judged at once, which limits the duration of a control step."""
+"""Largest number of states that are judged at once. It limits the duration of a control step."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""Episode as a generator that yields requests to its policy. After a request that can wait (``wanted_in`` > 0), the
-caller sends None at once, and sends the reply when the episode yields None. If the policy fails, the caller throws a
-:class:`~betterbench.errors.PolicyError` into the generator instead.
+"""Episode as a generator that yields requests to its policy.
+
+After a request that can wait (``wanted_in`` > 0), the caller immediately sends None, and sends the reply when the
+episode yields None. If the policy fails, the caller throws a :class:`~betterbench.errors.PolicyError` into the
+generator instead.
 """
 
 _PLAIN = Execution()
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Function that adds noise to an action before it is executed. The record keeps the noise-free action as label."""
+"""Function that adds noise to an action before the action is executed.
+
+The record also keeps the action without noise.
+"""
 
 
 def run_episode(
@@ -69,16 +74,16 @@ def run_episode(
     disturb: Disturbance | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> EpisodeResult:
-    """Run one episode from reset to its end, with a policy that answers in this thread.
+    """Run one episode from the reset to its end, with a policy that answers in this thread.
 
-    With an observer, the ``act`` method of the policy is called, otherwise ``act_on_state``. ``disturb`` is only for
-    demonstrations. The record then contains the action of the demonstrator as ``action`` and the executed action as
-    ``applied``.
+    If an observer is given, the method ``act`` of the policy is called, otherwise ``act_on_state``. ``disturb`` adds
+    noise to the actions of a demonstration. The record then contains the action of the demonstrator as ``action``, and
+    the executed action as ``applied``.
 
     Raises:
-        PremiseError: If the scene contradicts the instruction's premise.
+        PremiseError: If the scene contradicts what the instruction assumes.
         PolicyUnavailableError: If the policy's server cannot be reached.
-        HandshakeError: If the policy's server now serves another policy.
+        HandshakeError: If the policy's server now serves a different policy.
     """
     execution = _PLAIN if observer is None else policy.info.execution  # type: ignore[union-attr]
     steps = episode_steps(
@@ -113,7 +118,7 @@ def run_episode(
             return result
         finally:
             steps.close()
-            outcome = kept = None  # the error holds a reference to this frame, which would keep the scene in memory
+            outcome = kept = None  # the error refers to this frame, which would keep the scene in memory
 
 
 def episode_steps(
@@ -126,16 +131,16 @@ def episode_steps(
     on_step: Callable[[int], None] | None = None,
     privileged: PrivilegedPolicy | None = None,
 ) -> Steps:
-    """Run one episode from reset to its end, and yield each request to the policy.
+    """Run one episode from the reset to its end, and yield each request to the policy.
 
-    One thread can interleave many episodes in this way. The result does not depend on the latency of replies. With an
-    observer, each request is yielded when it is made, and None is yielded when the episode must wait for the reply to
-    the last request. Without an observer, nothing is yielded: ``privileged`` is called directly with the privileged
-    state.
+    One thread can thus run many episodes in turn. The result does not depend on how long the replies take. If an
+    observer is given, each request is yielded when it is made, and None is yielded when the episode must wait for the
+    reply to the last request. Without an observer, nothing is yielded, because the policy ``privileged`` is called
+    directly with the privileged state.
 
     Raises:
-        PremiseError: If the scene contradicts the instruction's premise.
-        PolicyKilledError: If the policy's process was killed from outside.
+        PremiseError: If the scene contradicts what the instruction assumes.
+        PolicyKilledError: If the process of the policy was killed by another process.
     """
     began = time.perf_counter()
     state = scene.reset()
@@ -177,7 +182,7 @@ def episode_steps(
 
 
 def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Execute the control step that leads to ``step``, in a scene that renders during the step."""
+    """Execute the control step that leads to step number ``step``, in a scene that renders images during the step."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -187,13 +192,14 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge of an episode. It processes states in blocks that end before the episode can succeed.
+    """Recorder and judge of an episode.
 
-    Between two physics steps, the CPU caches are cold, and judging states one at a time takes two to three times as
-    long as judging several at once. A goal must hold for some time, so no decision depends on the states in the current
-    block. The loop takes 1.15 to 1.16 times as long as the physics alone, and 1.21 to 1.32 times if every state is
-    judged immediately. This was measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block,
-    three tasks).
+    It judges several states at once, in blocks that end before success is possible. Between two physics steps, the CPU
+    caches are cold, so judging states one at a time takes two to three times as long as judging several at once. A goal
+    must hold for some time before it counts, so no decision depends on the states in the current block. With blocks,
+    the loop takes 1.15 to 1.16 times as long as the physics alone. If every state is judged immediately, it takes 1.21
+    to 1.32 times as long (measured by ``make bench ARGS="--only step"`` on 2026-11-26, minimum time per block, three
+    tasks).
     """
 
     def __init__(self, tracker: Tracker, builder: RecordBuilder, scene: TrialScene) -> None:
@@ -203,14 +209,14 @@ class _Judge:
         self._block = 1
 
     def see(self, state: WorldState, action: np.ndarray | None, applied: np.ndarray | None) -> None:
-        """Add the next state and the action that led to it, and update ``success``."""
+        """Add the next state and the action that led to it. Update ``success`` when a block is complete."""
         self._builder.append_state(state, **self._simulator_state(), action=action, applied=applied)
         self._waiting.append(state)
         if len(self._waiting) >= self._block:
             self._judge()
 
     def finished(self) -> tuple[RecordBuilder, bool]:
-        """Return the record of all processed states, and whether the last state is a success."""
+        """Judge the states that are left. Return the builder of the record, and whether the last state is a success."""
         self._judge()
         return self._builder, self.success
 
@@ -232,7 +238,7 @@ def _finished(
     success: bool,
 ) -> Record:
     if error is not None:
-        error = encodable(error)  # file names may contain characters that a record cannot store
+        error = encodable(error)  # file names in it may contain characters that a record cannot store
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     return builder.finish(
         termination=termination,
@@ -252,7 +258,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append a row with scene state, goal state and preceding action to an episode's record."""
+    """Append a row to the record of an episode: scene state, goal state, and the action that led to this state."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

@@ -27,29 +27,31 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Size (None for one value per arm joint) and bound of each measurement. No value can exceed its bound: joint limits
-are within 3.8 rad and 3 rad/s, the reach is within 1.2 m, and grippers open by at most 0.1 m.
+"""Length and bound of each measurement.
+
+The length None stands for one value per arm joint. No value can exceed its bound: joints stay within 3.8 rad and 3
+rad/s, the reach is within 1.2 m, and grippers open by at most 0.1 m.
 """
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """Environment for a task under one condition. Each reset starts the trial of a seed.
+    """Gymnasium environment for a task in one condition. Each reset starts the trial that belongs to the given seed.
 
     Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (n,) [rad],
     ``joint_velocities`` (n,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
-    The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
-    success, else 0. Observations contain no privileged state. ``info`` contains the goal state, for training and
-    evaluation code.
+    The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. The reward is 1 at the step in
+    which the goal is reached, otherwise 0. Observations contain no privileged state. The state of the goal is in
+    ``info``, for use in training and evaluation code.
 
     Args:
-        task: Task id.
-        variation: Name of a variation or training condition; default: the first training condition.
+        task: ID of the task.
+        variation: Name of a variation or training condition. By default, the first training condition.
         observation: Name of an observation preset.
-        action_space: Name of an action space; by default, the robot's usual one.
-        quality: Name of a render preset.
-        looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
-        robot: Name of a robot; by default, the robot that the task is laid out for. Joint measurements have one entry
-            per arm joint.
+        action_space: Name of an action space. By default, the standard action space of the robot.
+        quality: Name of a rendering preset.
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
+        robot: Name of a robot. By default, the robot for which the task is made. The arrays of joint positions and
+            velocities have one entry per arm joint.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -67,7 +69,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         robot: str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Check all names. Scenes are compiled at reset."""
+        """Check that all names are known. The scene is not compiled until :meth:`reset` is called."""
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError("render_mode", f"{render_mode!r} is not supported", "Use 'rgb_array' or None")
         found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
@@ -93,7 +95,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """Instruction for the robot; in a vector environment, use ``envs.get_attr("instruction")``."""
+        """Instruction for the robot. In a vector environment, use ``envs.get_attr("instruction")``."""
         return self._condition.instruction.text
 
     @property
@@ -107,7 +109,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Start a trial.
 
         Args:
-            seed: Trial seed; seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own
+            seed: Seed of the trial. Seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own random
                 generator draws one.
             options: Not used.
         """
@@ -148,7 +150,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         )
 
     def render(self) -> np.ndarray | None:
-        """Return the front camera's image, (256, 256, 3) uint8, in mode "rgb_array"."""
+        """Return the image of the front camera, (256, 256, 3) uint8, if the render mode is "rgb_array"."""
         if self.render_mode is None or self._scene is None:
             return None
         if self._renderer is None or self._renderer.model is not self._scene.compiled.model:
@@ -158,7 +160,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Free all renderers and the scene. The next reset creates new ones."""
+        """Close all renderers and delete the scene. The next reset creates them again."""
         self._observer.close()
         self._scene = self._tracker = None
         if self._renderer is not None:
@@ -167,11 +169,11 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     def _observe(self, state: WorldState) -> dict[str, Any]:
         if self._scene is None:
-            raise AssertionError("observations exist only after a reset")
+            raise AssertionError("unreachable: there are no observations before a reset")
         return self._form(self._observer.observe(self._scene, state))
 
     def _form(self, seen: Observation) -> dict[str, Any]:
-        """Convert an observation to the format of the observation space."""
+        """Convert an observation to the format that the observation space declares."""
         return {
             **seen.images,
             "joint_positions": seen.joint_positions,

@@ -1,7 +1,8 @@
-"""Lazy vector environments: environments are created at reset, for one vector environment of a group at a time.
+"""Vector environments that create their environments at the first reset, not when they are constructed.
 
-LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. After a
-reset, each environment holds a scene of about 25 MB and, if it runs in a separate process, an interpreter.
+Only one vector environment of a group has open environments at a time. LeRobot creates the vector environments of all
+conditions before the first episode, but uses only one at a time. After a reset, each environment holds a scene of about
+25 MB and, if it runs in a separate process, an interpreter.
 """
 
 from __future__ import annotations
@@ -24,24 +25,30 @@ class ActiveEnv:
         self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
-        """Activate a vector environment, and close the environments of the previously active one."""
+        """Make a vector environment the active one. The environments of the previously active one are closed."""
         if self._active is not None and self._active is not env:
             self._active.close_extras()
         self._active = env
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """Base class of both vector environments; opens the environments at the first reset after a close."""
+    """Base class of the lazy vector environments.
+
+    It opens their environments at the first reset and at each reset after a close.
+    """
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
-        """Create no environments yet; ``group`` is the group of the vector environment."""
+        """Store the functions that create the environments. No environment is created yet.
+
+        ``group`` is the group of vector environments to which this one belongs.
+        """
         self._make, self._group, self._empty = tuple(make), group, True
         self.num_envs = len(self._make)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Create the environments if necessary, and reset all."""
+        """Reset all environments. They are created first if necessary."""
         if self._empty:
             self._group.take(self)
             self._make_envs()
@@ -49,7 +56,7 @@ class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
         return super().reset(seed=seed, options=options)  # type: ignore[arg-type] # both kinds take a list of seeds
 
     def close_extras(self, **how: Any) -> None:  # noqa: ANN401 - Gymnasium's own signature
-        """Free all environments. A reset opens new environments."""
+        """Close all environments. The next reset creates new ones."""
         if not self._empty:
             super().close_extras(**how)
             self._empty = True
@@ -66,12 +73,15 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Lazy vector environment with one process per environment. Its ``envs`` are ``stand_ins`` in this process."""
+    """Lazy vector environment with one process per environment.
+
+    LeRobot reads attributes of ``envs``, which therefore contains ``stand_ins`` in this process.
+    """
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
         super().__init__(make, group)
         self.envs = list(stand_ins)
 
     def _make_envs(self) -> None:
-        # a forked process would share the OpenGL context and the threads of this process
+        # A forked process would share the OpenGL context and the threads of this process.
         AsyncVectorEnv.__init__(self, self._make, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)

@@ -1,8 +1,8 @@
-"""LeRobot's environment hook: ``make_env`` returns every condition as a vector environment for LeRobot.
+"""Environments for LeRobot: ``make_env`` returns one vector environment per condition.
 
-``lerobot-eval`` reads the instruction from attributes of the environments, with ``hasattr``. Gymnasium's wrappers would
-hide these attributes, so the environments are never wrapped. This module does not import LeRobot; LeRobot imports
-:mod:`betterbench.episodes.envhub`.
+``lerobot-eval`` checks with ``hasattr`` for attributes of the environments that contain the instruction. Gymnasium's
+wrappers would hide these attributes, so the environments are never wrapped. This module does not import LeRobot;
+LeRobot imports :mod:`betterbench.episodes.envhub`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from betterbench.errors import InvalidInputError
 __all__ = ["ENVIRONMENT_ID", "SETTINGS", "make_env"]
 
 ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
-"""Gymnasium id of these environments, which are created without wrappers."""
+"""ID of these environments in Gymnasium, which creates them without wrappers."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality", "robot")
-"""Options of a configuration apart from the task, named as in :class:`LeRobotTaskEnv`."""
+"""Options of a configuration besides the task. They have the same names in :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,
@@ -36,7 +36,10 @@ gymnasium.register(
 
 
 class _Seen:
-    """Stand-in for an environment in another process, with the attributes that LeRobot looks up with ``hasattr``."""
+    """Stand-in for an environment that runs in another process.
+
+    It has the attributes that LeRobot checks with ``hasattr``.
+    """
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description
@@ -50,19 +53,19 @@ def make_env(
     conditions: str | Sequence[str] | None = None,
     **settings: Any,  # noqa: ANN401 - passed on to LeRobotTaskEnv, which names and checks each
 ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-    """Return the vector environments of all conditions, in the format of LeRobot's hub.
+    """Return one vector environment per condition, in the format that LeRobot's environment hub expects.
 
     Args:
-        n_envs: Environments per condition.
-        use_async_envs: Whether each environment has its own process.
-        cfg: LeRobot's environment configuration. Its ``task`` replaces ``conditions``, and its attributes named in
-            :data:`SETTINGS` replace ``settings``.
-        conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
-            list or a string separated by commas; default the whole suite better60.
+        n_envs: Number of environments per condition.
+        use_async_envs: Whether each environment runs in its own process.
+        cfg: LeRobot's configuration of the environment. Its ``task`` replaces ``conditions``, and its attributes named
+            in :data:`SETTINGS` replace ``settings``.
+        conditions: Tasks ("fast_food" stands for all its conditions) and conditions ("fast_food/T1",
+            "fast_food/train1"), as a list or as a string separated by commas. By default, the whole suite better60.
         settings: Further arguments of :class:`LeRobotTaskEnv`, for all environments.
 
     Returns:
-        Vector environments by suite and index. Each condition is a separate suite, so that LeRobot reports success
+        Vector environments by suite and index. Each condition is a suite of its own, so that LeRobot reports success
         rates by condition. As in ``better eval``, seed 3 is trial 3.
 
     Raises:
@@ -70,10 +73,12 @@ def make_env(
         UnknownNameError: If a task, condition or setting is unknown.
     """
     if n_envs < 1:
-        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give a number of at least 1")
+        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Use a number of at least 1")
     if getattr(cfg, "max_parallel_tasks", 1) > 1:
         raise InvalidInputError(
-            "max_parallel_tasks", "rendering is limited to one thread", "Leave this value at 1 and raise n_envs"
+            "max_parallel_tasks",
+            "rendering is limited to one thread",
+            "Leave max_parallel_tasks at 1 and increase n_envs instead",
         )
     wanted = conditions if conditions is not None else getattr(cfg, "task", None)
     given = {name: value for name in SETTINGS if (value := getattr(cfg, name, None)) is not None} | settings
@@ -81,7 +86,7 @@ def make_env(
     envs: dict[str, dict[int, VectorEnv[Any, Any, Any]]] = {}
     for task, name in select_conditions(wanted):
         make = functools.partial(LeRobotTaskEnv, task, variation=name, **given)
-        seen = _Seen(make())  # report a wrong setting now instead of at the first reset
+        seen = _Seen(make())  # reports a wrong setting now instead of at the first reset
         env = (
             LazyAsyncVectorEnv([make] * n_envs, group, stand_ins=[seen] * n_envs)
             if use_async_envs

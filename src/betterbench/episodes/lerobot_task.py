@@ -1,4 +1,4 @@
-"""LeRobot environment for every task, with LeRobot's observation keys and attributes."""
+"""Environment for every task, with the observation keys and attributes that LeRobot expects."""
 
 from __future__ import annotations
 
@@ -21,11 +21,10 @@ from betterbench.tasks import Truth
 
 
 def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the state in the format of policies trained on LIBERO.
+    """Return the robot state (8,) float32 in the format that policies trained on LIBERO expect.
 
-    Returns:
-        (8,) float32: tool position [m], rotation vector [rad], and the positions of both fingers [m], the second of
-        which is negative as in robosuite. The rotation vector is continuous around a tool that points down.
+    It consists of the tool position [m], the rotation vector [rad], and the positions of both fingers [m], the second
+    of which is negative as in robosuite. The rotation vector changes continuously while the tool points down.
     """
     del actions
     finger = 0.5 * seen.gripper_width
@@ -36,37 +35,37 @@ def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
 
 
 def joint_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the joint state, (n + 1,) float32: arm joint positions [rad] and gripper width [m]."""
+    """Return the positions of the arm joints [rad] and the gripper width [m] as an array (n + 1,) float32."""
     del actions
     return np.array([*seen.joint_positions, seen.gripper_width], dtype=np.float32)
 
 
 def motor_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the motor positions, (n + 1,) float32, in the units of the action space, as LeRobot's robots report them.
+    """Return the motor positions (n + 1,) float32 in the units of the action space, as LeRobot's robots report them.
 
-    The action space must be one in units of a robot's own motors.
+    The action space must be in the units of a robot's own motors.
     """
     return np.array(motor_positions(actions, seen), dtype=np.float32)
 
 
 def require_motors(actions: ActionSpace) -> None:
-    """Raise InvalidInputError unless an action space is in units of a robot's own motors."""
+    """Raise InvalidInputError if an action space is not in the units of a robot's own motors."""
     if actions.name not in OPENING_SPACES:
         raise InvalidInputError(
             "state",
             f"'motors' needs an action space in motor units, but the action space is {actions.name!r}",
-            f"Give the action space {' or '.join(sorted(OPENING_SPACES))}, or the state 'joints'",
+            f"Use the action space {' or '.join(sorted(OPENING_SPACES))}, or the state 'joints'",
         )
 
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Layout of the state in a policy's input.
+    """Layout of the robot state in a policy's input.
 
     Attributes:
-        read: Function that returns the state, float32, for an observation and an action space.
-        size: Number of values; None for one value per arm joint and one for the gripper.
-        bound: Bound of each value, which no value can exceed.
+        read: Function that returns the state (float32), given an observation and an action space.
+        size: Number of values. None stands for one value per arm joint and one for the gripper.
+        bound: Upper bound of the absolute value of every entry.
     """
 
     read: Callable[[Observation, ActionSpace], np.ndarray]
@@ -78,7 +77,8 @@ class StateLayout:
         return self.size or len(robot_named(robot).arm_joints) + 1
 
 
-# Joints are within 3.8 rad, rotation vectors within 2 pi and positions within meters; motors report up to 180 degrees.
+# Joints stay within 3.8 rad, rotation vectors within 2 pi, and positions within a few meters. Motors report up to 180
+# degrees.
 STATES: Mapping[str, StateLayout] = {
     "ee": StateLayout(ee_state, 8, 7.0),
     "joints": StateLayout(joint_state, None, 7.0),
@@ -88,27 +88,29 @@ STATES: Mapping[str, StateLayout] = {
 
 
 def state_layout(name: str) -> StateLayout:
-    """Return a state layout by name; raise UnknownNameError for an unknown name."""
+    """Return the state layout with the given name. Raises UnknownNameError if the name is unknown."""
     if name not in STATES:
         raise UnknownNameError("state layout", name, STATES)
     return STATES[name]
 
 
 class LeRobotTaskEnv(TaskEnv):
-    """Task under one condition, with LeRobot's observation keys.
+    """Environment for a task in one condition, with the observation keys that LeRobot expects.
 
-    Observation: ``pixels``, one (height, width, 3) uint8 image per camera, upright as in ``better eval``, and
-    ``agent_pos``, the state, float32. ``info["is_success"]`` is set at reset and at every step.
+    In an observation, ``pixels`` contains one (height, width, 3) uint8 image per camera, upright as in ``better eval``.
+    ``agent_pos`` is the robot state (float32). ``info["is_success"]`` is set at the reset and at every step.
 
     Args:
-        task: Task id.
-        variation: Name of a variation or training condition; default: the first training condition.
-        state: Name of the state layout, "ee", "joints" or "motors" (in the units of a robot's own action space).
-        cameras: New names of the cameras ({"front": "image", "wrist": "image2"}); other cameras keep their names.
+        task: ID of the task.
+        variation: Name of a variation or training condition. By default, the first training condition.
+        state: Name of the state layout: "ee", "joints" or "motors". The layout "motors" requires an action space in the
+            units of the robot's own motors.
+        cameras: New camera names by original name ({"front": "image", "wrist": "image2"}). Other cameras keep their
+            names.
         observation: Name of an observation preset.
-        action_space: Name of an action space; by default, the robot's usual one.
-        quality: Name of a render preset.
-        robot: Name of a robot; by default, the robot that the task is laid out for.
+        action_space: Name of an action space. By default, the standard action space of the robot.
+        quality: Name of a rendering preset.
+        robot: Name of a robot. By default, the robot for which the task is made.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -125,7 +127,7 @@ class LeRobotTaskEnv(TaskEnv):
         robot: str | None = None,
         render_mode: str | None = "rgb_array",
     ) -> None:
-        """Check all names; scenes are compiled at reset."""
+        """Check that all names are known. The scene is not compiled until :meth:`reset` is called."""
         super().__init__(
             task,
             variation=variation,
@@ -158,9 +160,9 @@ class LeRobotTaskEnv(TaskEnv):
             }
         )
         self.task = self._condition.id
-        """Task and condition, "fast_food/T1"."""
+        """Task and condition, for example "fast_food/T1"."""
         self.task_description = self.instruction
-        """Task description that LeRobot passes to the policy."""
+        """Instruction, which LeRobot passes to the policy as the task description."""
         self._max_episode_steps = self.step_limit
 
     def _form(self, seen: Observation) -> dict[str, Any]:

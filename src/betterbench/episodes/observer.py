@@ -1,4 +1,4 @@
-"""Creation of observations for a policy."""
+"""Creation of the observations that a policy gets."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def observation_of(
     depth: Mapping[str, np.ndarray] | None = None,
     masks: Mapping[str, np.ndarray] | None = None,
 ) -> Observation:
-    """Return the observation of a simulated or recorded state."""
+    """Return the observation that belongs to a simulated or recorded state."""
     return Observation(
         instruction=instruction,
         step=state.step,
@@ -42,15 +42,18 @@ def observation_of(
 
 
 class Observer:
-    """Source of observations. It caches renderers by model, because creating one takes tens of milliseconds."""
+    """Source of observations.
+
+    It keeps one renderer per model, because creating a renderer takes tens of milliseconds.
+    """
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
-        """Create an observer that caches up to ``renderers`` renderers, one per model."""
+        """Create an observer that keeps up to ``renderers`` renderers, one per model."""
         self.spec = spec
         self._renderers = Renderers(renderers)
 
     def look(self, scene: TrialScene) -> Views:
-        """Render the current state, and return the images by camera.
+        """Render the current state. Return a dict of images by camera name.
 
         Raises MissingDependencyError if off-screen OpenGL does not work.
         """
@@ -59,7 +62,7 @@ class Observer:
     def observe(self, scene: TrialScene, state: WorldState, *, views: Views | None = None) -> Observation:
         """Return the observation of a state.
 
-        ``views`` contains the images if :meth:`look` has already rendered them.
+        ``views`` contains the images if :meth:`look` has already rendered them. Otherwise, they are rendered now.
         """
         if views is None:
             views = self.look(scene)
@@ -74,5 +77,5 @@ class Observer:
         return replace(seen, native=native, ee_position=native["ee_position"]) if native else seen
 
     def close(self) -> None:
-        """Free all renderers."""
+        """Close all renderers."""
         self._renderers.close()

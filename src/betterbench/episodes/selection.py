@@ -1,4 +1,4 @@
-"""Selection of conditions by name, for evaluation loops outside betterbench."""
+"""Selection of conditions by name, for evaluation loops outside of betterbench."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from betterbench.tasks.interventions import condition_names, resolve_condition
 
 
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
-    """Return the conditions selected by a list of names, without duplicates, as pairs of task and condition.
+    """Return the conditions that the given names select, as pairs of task and condition, without duplicates.
 
-    A task selects all its conditions, "task/condition" a single condition. A string may contain several names,
-    separated by commas. Without names, all conditions of better60 are selected. Raises UnknownNameError for an unknown
-    name.
+    The name of a task selects all its conditions, and "task/condition" selects a single condition. A string may contain
+    several names, separated by commas. Without names, all conditions of the suite better60 are selected. Raises
+    UnknownNameError for an unknown name.
     """
     listed = [n.strip() for n in (names.split(",") if isinstance(names, str) else names or ())]
     found: dict[tuple[str, str], None] = {}

@@ -1,18 +1,17 @@
-"""Evaluation: workers run the trials of a plan and write a run folder, from which the same command resumes.
+"""Evaluation: workers run the trials of a plan and write a run folder. The same command resumes an unfinished run.
 
 - ``planning``: plan and manifest of a run.
 - ``trials``: execution of one trial in one process.
-- ``workers``: local worker processes.
-- ``serving``: policies behind the openpi protocol.
+- ``workers``: worker processes on this machine.
+- ``serving``: policies that are served with openpi's protocol.
 - ``ray_engine``: workers on a Ray cluster.
-- ``running``: complete runs, external loops and replay.
-- ``preflight``: policy check before a run.
-- ``integrations``: the tasks in other harnesses.
+- ``running``: complete runs, runs controlled by the user's own loop, and replay.
+- ``preflight``: check of a policy before a run.
+- ``integrations``: the tasks in other evaluation harnesses.
 - ``figures``: images and videos.
 
-Except for ``figures``, the packages are listed from the bottom up.
-
-Each public name is imported from its module at first use.
+Except for ``figures``, the packages are listed from the lowest layer to the highest. Each public name is imported from
+its module at first use.
 """
 
 from typing import TYPE_CHECKING

@@ -1,16 +1,18 @@
-"""Policies: their declarations, and clients of policy servers.
+"""Policies: built-in policies, clients of policy servers, and the addresses by which users select a policy.
 
-- ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
+- ``address``: parser of policy addresses such as ``openpi://host:port?preset=libero``.
 - ``kinds``: one file per policy kind, and the registry of kinds by address scheme.
-- ``factory``, ``description``: creation of the policy instances of a worker, and declarations of policies as JSON.
-- ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
-- ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.
-- ``process``: user policies in a separate process.
+- ``factory``, ``description``: creation of the policy instances of a worker, and the description of a policy as JSON.
+- ``conventions``: translation of observations and actions, presets of known checkpoints, and the handshake.
+- ``protocols``, ``clients``, ``serving``: message encodings, clients of policy servers, and the server that serves a
+  policy.
+- ``process``: policies written by the user, which run in a separate process.
 - ``experts``, ``faulty``, ``decisions``: privileged policies, which plan with the simulator state. ``faulty`` has one
   file per fault.
-- ``learned``: networks, checkpoints, and a checkpoint's policy (`learned:CHECKPOINT`).
+- ``learned``: networks, their checkpoints, and the policy that runs a checkpoint (`learned:CHECKPOINT`).
 
-Each public name is imported from its module at first use, so that the process of a policy imports only what it needs.
+Each public name is imported from its module at first use, so that a process that runs a policy imports only what that
+policy needs.
 """
 
 from typing import TYPE_CHECKING

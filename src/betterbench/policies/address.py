@@ -1,6 +1,7 @@
-"""Policy addresses: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
+"""Policy addresses such as ``expert``, ``zoo:lexical?strength=0.3`` and ``openpi://host:port?preset=openpi_libero``.
 
-Each policy kind declares the format of its addresses and their options. One parser reads all formats.
+Each policy kind declares the format of its addresses and the options that they may contain. One parser reads the
+addresses of all kinds.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""Transport protocol of a server. Websocket and HTTP addresses may have a path. ZeroMQ addresses do not."""
+"""Transport protocol of a policy server. Websocket and HTTP addresses may contain a path; ZeroMQ addresses may not."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Option of an address, written ``?name=value``.
+    """Option in a policy address, written ``?name=value``.
 
     Attributes:
-        name: Name. If it ends with a period, a key follows: ``camera.KEY=value``.
-        meaning: Description of the value with its unit, for messages ("the deadline of one answer [s]").
-        reads: Type of the value. Numbers are finite and ≥ 0.
-        most: Largest allowed number, or infinity for no limit.
+        name: Name of the option. If it ends with a period, a key follows it in the address: ``camera.KEY=value``.
+        meaning: Description of the value with its unit, used in messages ("the deadline of one answer [s]").
+        reads: Type of the value. Numbers must be finite and ≥ 0.
+        most: Largest allowed number. Infinity means that there is no limit.
     """
 
     name: str
@@ -41,12 +42,12 @@ class Option:
 
     @property
     def takes_key(self) -> bool:
-        """Whether a key follows the name."""
+        """Whether a key must follow the name of the option, as in ``camera.KEY``."""
         return self.name.endswith(".")
 
     @property
     def shown(self) -> str:
-        """Name in messages."""
+        """Name of the option as it is shown in messages: ``camera.KEY`` for an option that takes a key."""
         return f"{self.name}KEY" if self.takes_key else self.name
 
     def fits(self, name: str) -> bool:
@@ -69,14 +70,14 @@ CONNECTION = (
     Option("api_key_env", "the environment variable with the key"),
     Option("tls", "whether the connection is encrypted: true or false"),
 )
-"""Options of a server connection: timeouts, retries, API key and encryption."""
+"""Options that configure the connection to a server: timeouts, retries, API key and encryption."""
 
 ADAPTER = (
     Option("preset", "the name of the policy's layout of requests"),
     Option("adapter", "the file of a custom layout"),
     Option("size", "the size of the images, such as 224x224 [px]"),
-    Option("fit", "the way in which an image is resized"),
-    Option("keep", "the share of the image that a center crop keeps", "number"),
+    Option("fit", "how an image is resized"),
+    Option("keep", "the fraction of the image that a center crop keeps", "number"),
     Option("turn", "the rotation of the image [deg]"),
     Option("mirror", "whether the image is mirrored"),
     Option("ee_offset", "the offset of the end effector's position, as x,y,z [m]"),
@@ -86,7 +87,8 @@ ADAPTER = (
     Option("rotation", "the rotation format of the answers"),
     Option("gripper", "the gripper convention of the answers"),
 )
-"""Options for the adapter: a preset or a file, and the settings that override it."""
+"""Options that select the adapter (a preset or a file), and options that override individual settings of the adapter.
+"""
 
 CAMERA = Option("camera.", "the name of the camera whose image is sent as KEY")
 CONSTANT = Option("send.", "the constant that each request contains as KEY")
@@ -94,13 +96,13 @@ CONSTANT = Option("send.", "the constant that each request contains as KEY")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressForm:
-    """Address format of a policy kind.
+    """Format of the addresses of one policy kind.
 
     Attributes:
-        scheme: Kind name, the prefix of its addresses.
-        example: Example of an address in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether the scheme and colon are followed by a target, which is a name, a file or a server.
-        options: Allowed options.
+        scheme: Name of the policy kind, which is the prefix of its addresses.
+        example: Example of an address, used in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
+        target: Whether a colon and a target follow the scheme. The target is a name, a file or a server.
+        options: Options that the addresses may contain.
         transport: Transport protocol of the server, or None for a policy without a server.
         port: Default port of the server.
     """
@@ -113,22 +115,25 @@ class AddressForm:
     port: int = 0
 
     def has(self, text: str) -> bool:
-        """Return whether an address has this scheme, including a target if the scheme requires one."""
+        """Return whether an address begins with the scheme of this policy kind.
+
+        If the scheme requires a target, the address must also contain a colon.
+        """
         head = text.partition("?")[0]
         scheme, colon, _ = head.partition(":")
         needed = {"none": "", "required": ":"}.get(self.target, colon)
         return scheme == self.scheme and colon == needed
 
     def read(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read an address of this form.
+        """Parse an address of this format.
 
         Args:
-            text: The address.
-            world: World whose conventions the policy uses. It is empty for our own scenes.
+            text: Address to parse.
+            world: Benchmark whose conventions the policy uses, such as "libero", or empty for betterbench's own scenes.
 
         Raises:
-            UnknownNameError: If the address has an option that the kind does not know.
-            InvalidInputError: If the target is missing or not a server, or an option is malformed, empty or given
+            UnknownNameError: If the address has an option that the policy kind does not know.
+            InvalidInputError: If the target is missing or is not a server, or if an option is malformed, empty or given
                 twice.
         """
         head, _, query = text.partition("?")
@@ -165,16 +170,17 @@ class AddressForm:
                 cure = f"Give {option.meaning} as {name}=VALUE, or omit {name}"
                 raise InvalidInputError(where, f"{name} has no value", cure)
         if len(options) < len(pairs):
-            raise InvalidInputError(where, "an option is given twice", "Give each option once")
+            raise InvalidInputError(where, "an option is given twice", "Use each option only once")
         return options
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """A parsed address, with the policy's target ("localhost:8000") and its options.
+    """Parsed policy address, with the target of the policy (such as "localhost:8000") and the options.
 
-    :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses, such as
-    "libero", or empty for our own scenes. In another world, a preset matches that world's clients.
+    The options have been checked by :meth:`AddressForm.read`. ``world`` is the benchmark whose conventions the policy
+    uses, such as "libero". It is empty for betterbench's own scenes. For each other benchmark, a preset describes the
+    inputs and outputs of policies that were trained on it.
     """
 
     text: str
@@ -190,31 +196,37 @@ class PolicyAddress:
 
     @property
     def name(self) -> str:
-        """The address without its options ("zoo:lexical")."""
+        """Address without the options ("zoo:lexical")."""
         return self.text.partition("?")[0]
 
     def error(self, problem: str, cure: str) -> InvalidInputError:
-        """Return an error about this address."""
+        """Create an error that names this address.
+
+        Args:
+            problem: Description of what is wrong.
+            cure: Sentence that tells the user how to correct the address.
+        """
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return the given options that the address sets."""
+        """Return the names of the given options that this address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property
     def names_adapter(self) -> bool:
-        """Whether the address names an adapter: a preset or a file."""
+        """Whether the address selects an adapter, by the option ``preset`` or the option ``adapter``."""
         return "preset" in self.options or "adapter" in self.options
 
     @property
     def server_name(self) -> str:
-        """Server name in messages."""
+        """Name of the server as it is shown in messages."""
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
-        """Return host and port of the server.
+        """Return the host and port of the server.
 
-        Raises InvalidInputError if the target is not "host:port", with a path for the schemes that have paths.
+        For schemes that allow a path, a path may follow the port. Raises InvalidInputError if the target does not have
+        the form "host:port".
         """
         host, port, path, place = None, None, "", ""
         try:
@@ -230,7 +242,7 @@ class PolicyAddress:
         return host, self.form.port if port is None else port
 
     def _check_path(self, path: str, place: str) -> None:
-        """Raise InvalidInputError if the server cannot have this path."""
+        """Raise InvalidInputError if the path is malformed, or if the server's protocol does not allow paths."""
         if path and self.form.transport == "zeromq":
             raise self.error(
                 f"the path {path!r} is not allowed, because {self.scheme} uses ZeroMQ",
@@ -245,16 +257,18 @@ class PolicyAddress:
 
     @property
     def path(self) -> str:
-        """Path of requests. If the address has no path, it is ``/act`` for HTTP and "/" for websockets."""
+        """Path to which requests are sent.
+
+        If the address contains no path, it is ``/act`` for HTTP and ``/`` for websockets.
+        """
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return the settings for executing action chunks.
+        """Return how the policy's action chunks are executed, according to the options of the address.
 
-        Raises InvalidInputError if the options contradict each other.
-
-        ``usual_horizon`` is the adapter's horizon. It is used if the address sets neither horizon nor ensemble.
+        Raises InvalidInputError if the options contradict each other. ``usual_horizon`` is the execution horizon that
+        the adapter declares. It is used if the address sets neither ``horizon`` nor ``ensemble``.
         """
         ahead, horizon = self.whole("ahead", 0), None
         if "horizon" in self.options:
@@ -263,16 +277,16 @@ class PolicyAddress:
             horizon = usual_horizon
             if horizon is not None and ahead >= horizon:
                 raise self.error(
-                    f"ahead={ahead} must be less than the number of actions per chunk that its preset executes "
-                    f"({horizon})",
-                    "Also give horizon=N with a larger N",
+                    f"ahead={ahead} must be less than the number of actions that the preset executes from each "
+                    f"chunk ({horizon})",
+                    "Set horizon=N with a larger N as well",
                 )
         return Execution(
             horizon=horizon, ahead=ahead, ensemble=self.number("ensemble") if "ensemble" in self.options else None
         )
 
     def check(self, name: str) -> None:
-        """Raise InvalidInputError if an option's value is not allowed."""
+        """Raise InvalidInputError if the address sets the option to a value that is not allowed."""
         option = self._option(name)
         if option.reads == "whole":
             self.whole(name)
@@ -280,7 +294,10 @@ class PolicyAddress:
             self.number(name)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0. Raises InvalidInputError for other values or above the option's limit."""
+        """Return the value of an option as a finite number ≥ 0.
+
+        Raises InvalidInputError if the value is not such a number or exceeds the limit of the option.
+        """
         text = self.options.get(name)
         if text is None:
             return default
@@ -290,24 +307,29 @@ class PolicyAddress:
             value = math.nan
         option = self._option(name)
         if option.most < math.inf and not 0.0 <= value <= option.most:
-            raise self.error(f"{name}={text} is out of range", f"Give {option.meaning}, from 0 to {option.most:g}")
+            raise self.error(f"{name}={text} is out of range", f"Set it to {option.meaning}, from 0 to {option.most:g}")
         if not 0.0 <= value < math.inf:
-            raise self.error(f"{name}={text} must be ≥ 0", f"Give {option.meaning}, a number such as 2.5")
+            raise self.error(f"{name}={text} must be ≥ 0", f"Set it to {option.meaning}, a number such as 2.5")
         return value
 
     def _option(self, name: str) -> Option:
         return next(option for option in self.form.options if option.fits(name))
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Return an integer ≥ 0. Raises InvalidInputError for any other value."""
+        """Return the value of an option as an integer ≥ 0. Raises InvalidInputError for any other value."""
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
-            raise self.error(f"{name}={text} must be a whole number", f"Give {self._option(name).meaning}, such as 8")
+            raise self.error(
+                f"{name}={text} must be a whole number", f"Set it to {self._option(name).meaning}, such as 8"
+            )
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return a value that must be one of a list of words. Raises UnknownNameError for any other word."""
+        """Return the value of an option that must be one of the given words.
+
+        Raises UnknownNameError for any other word.
+        """
         if name not in self.options:
             return default
         for word in choices:
@@ -316,5 +338,5 @@ class PolicyAddress:
         raise UnknownNameError(name, self.options[name], choices)
 
     def __str__(self) -> str:
-        """Return the address as given."""
+        """Return the address as the user wrote it."""
         return self.text

@@ -1,4 +1,4 @@
-"""Batching of policy calls: one call answers simultaneous requests from several threads."""
+"""Batching of policy calls: one call answers all requests that several threads make at the same time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ QuestionT = TypeVar("QuestionT")
 AnswerT = TypeVar("AnswerT")
 
 MAX_BATCH = 16
-"""Default maximum of requests in one call."""
+"""Default for the maximum number of requests answered in one call."""
 
-_PAUSE_S = 0.01  # interval at which a waiting call checks whether to expect more requests
+_PAUSE_S = 0.01  # interval at which a waiting call checks whether further requests are still expected
 
 
 @dataclass
 class _PendingQuestion(Generic[QuestionT, AnswerT]):
-    """Pending request of one thread, with its answer or the exception raised for it."""
+    """Pending request of one thread, together with the answer to it or the exception that the request caused."""
 
     question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)
@@ -30,12 +30,13 @@ class _PendingQuestion(Generic[QuestionT, AnswerT]):
 
 
 class BatchCollector(Generic[QuestionT, AnswerT]):
-    """Collector for requests from many threads, answered in batches by one thread.
+    """Collector of requests from many threads. One separate thread answers the requests in batches.
 
-    Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
-    answers at once. If further requests are expected, the next call waits for them, but at most as long as the shortest
-    call so far took. Without this wait, the callers of one server would alternate, and their batches would stay small.
-    If a batch fails, its requests are sent one by one, so that each caller gets only the error of its own request.
+    Requests that arrive during a call form the next batch, so a busy policy gets large batches, and an idle policy
+    answers immediately. If further requests are expected, the collector waits for them before the next call, but no
+    longer than the shortest call so far has taken. Without this wait, two groups of callers could take turns forever,
+    so that each batch contains only one of the groups. If a batch fails, the requests in it are sent again one by one,
+    so that each caller gets only the error caused by its own request.
     """
 
     def __init__(
@@ -47,7 +48,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> None:
         """Start the thread that calls ``answer``.
 
-        ``expected`` returns how many requests may be pending at once, including the current ones. That thread calls it.
+        ``expected`` returns how many requests may be pending at the same time, including those already received. It is
+        called in this new thread.
         """
         self._answer, self._limit, self._expected = answer, max(1, limit), expected
         self._shortest_s = math.inf  # duration of the shortest call
@@ -63,11 +65,12 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         timeout_s: float | None = None,
         ready_at: Callable[[], float] = lambda: -math.inf,
     ) -> AnswerT:
-        """Return the answer to a request, or raise the exception of the answering function.
+        """Return the answer to a request, or raise the exception that ``answer`` raised for it.
 
-        The timeout [s] includes the time in the queue. It starts at ``ready_at`` (``time.perf_counter``) if that is
-        later than the call. Raises TimeoutError if no answer arrives in time, although the call itself continues.
-        Raises RuntimeError if the collector is closed.
+        The timeout [s] includes the time that the request waits in the queue. If ``ready_at`` returns a time after this
+        call (as measured by ``time.perf_counter``), the timeout starts at that time. Raises TimeoutError if no answer
+        arrives in time, although the call of ``answer`` itself continues. Raises RuntimeError if the collector is
+        closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
@@ -88,9 +91,9 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """Answer pending requests and end the thread.
+        """Answer the pending requests, then end the thread.
 
-        Return whether the thread has ended; a hanging call may continue.
+        Return whether the thread has ended within the timeout. A call that hangs is not interrupted.
         """
         self._closed = True
         self._waiting.put(None)
@@ -109,7 +112,10 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
                 return
 
     def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
-        """Wait for the requests of the next call. If the collector is closed, the last element is None."""
+        """Wait for requests, and return those that the next call answers.
+
+        If the collector has been closed, the last element of the list is None.
+        """
         waiting = [self._waiting.get()]
         until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)
         while len(waiting) < self._limit and waiting[-1] is not None:
@@ -128,7 +134,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         try:
             answers = list(self._answer([t.question for t in waiting]))
             if len(answers) != len(waiting):
-                raise ValueError(f"the policy gave {len(answers)} answers to {len(waiting)} observations")  # noqa: TRY301
+                raise ValueError(f"the policy returned {len(answers)} answers to {len(waiting)} observations")  # noqa: TRY301
         except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread that asked
             if len(waiting) > 1:
                 for pending in waiting:

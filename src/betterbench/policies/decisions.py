@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies. Motor skills execute the decisions."""
+"""Decision rules of privileged policies. A rule decides what to do next, and motor skills carry out its decisions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from betterbench.tasks.relations.closed import drawer_to_move
 
 @dataclass(frozen=True, slots=True)
 class GraspOffset:
-    """Deliberate grasp error, for faulty policies.
+    """Deliberate grasp error of a faulty policy.
 
     Attributes:
-        miss_by_m: Gap between the finger pads and the object when the gripper closes beside it [m], or None for a good
-            grasp.
-        drop: Whether to open the gripper in mid-air after the lift.
+        miss_by_m: Gap between the finger pads and the object when the gripper closes beside the object [m]. If it is
+            None, the gripper does not miss.
+        drop: Whether the gripper drops the object in mid-air after lifting it.
     """
 
     miss_by_m: float | None = None
@@ -45,26 +45,26 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class GraspAt:
-    """Decision to grasp at a slot, even if it is empty."""
+    """Decision to grasp at a slot, even if no object is there."""
 
     slot: str
 
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """Decision to move toward an object and then stop permanently. Without an object, the decision is never to move."""
+    """Decision to move toward an object and then stop permanently. If no object is given, the robot never moves."""
 
     toward: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """Decision to move around forever without grasping."""
+    """Decision to keep moving around without grasping anything."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Decision to stop because nothing is left to do."""
+    """Decision to stop because there is nothing left to do."""
 
 
 Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
@@ -72,12 +72,12 @@ Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Facts about the trial that a decision rule gets in addition to the state.
+    """Facts about the trial that a decision rule knows in addition to the state.
 
     Attributes:
-        task: The task, with its training conditions.
-        condition: The trial's condition.
-        seed: Trial seed.
+        task: Task, including its training conditions.
+        condition: Condition (training or variation) of the trial.
+        seed: Seed of the trial.
     """
 
     task: Task
@@ -86,52 +86,50 @@ class Situation:
 
 
 class DecisionRule(Protocol):
-    """Decision rule of a privileged policy."""
+    """Interface of a decision rule, which decides what a privileged policy does next."""
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision.
+        """Return the decision for the current state.
 
         Args:
-            state: Current state.
-            history: Decisions already executed in this episode.
+            state: Current state of the simulation.
+            history: Decisions that have already been carried out in this episode.
         """
 
 
 def carried(goal: Subgoal) -> bool:
-    """Return whether a subgoal requires carrying its object, rather than moving a drawer."""
+    """Return whether a subgoal is reached by carrying its object. Otherwise, it is reached by moving a drawer."""
     return relation(goal.relation).carried
 
 
 def bring_to(goal: Subgoal, name: str) -> Bring:
-    """Return the decision to bring an object to a subgoal's target."""
+    """Return the decision to bring an object to the target of a subgoal."""
     return Bring(name, goal.target, goal.relation, goal.region)
 
 
 def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
-    """Return whether an object is at a subgoal's target."""
+    """Return whether an object has the given relation to a target."""
     return relation(relation_name).holds(state, name, target, region)
 
 
 def reached(state: WorldState, condition: Condition, index: int) -> bool:
-    """Return whether a subgoal's required number of objects are at its target."""
+    """Return whether as many objects as a subgoal requires are at its target."""
     goal = condition.instruction.subgoals[index]
     names = condition.resolve(goal.reference)
     return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count
 
 
 def open_subgoal(state: WorldState, condition: Condition) -> int | None:
-    """Return the index of the first subgoal that is not reached, or None."""
+    """Return the index of the first subgoal that has not been reached, or None if all have been reached."""
     goals = condition.instruction.subgoals
     return next((i for i in range(len(goals)) if not reached(state, condition, i)), None)
 
 
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
-    """Return the subgoals that may be executed now.
+    """Return the indices of the subgoals that may be worked on now.
 
-    These are the first open one or, if the order is free, all open ones.
-
-    A drawer is closed only after its contents are inside. If a requested object does not exist, other objects may be
-    handled.
+    If the order matters, this is the first subgoal that has not been reached. Otherwise, it is every such subgoal,
+    except that a drawer is closed only when its contents are inside. Subgoals whose object does not exist are left out.
     """
     goals = condition.instruction.subgoals
     left = [i for i in range(len(goals)) if not reached(state, condition, i) and condition.resolve(goals[i].reference)]
@@ -145,13 +143,16 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 
 
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
-    """Return the object to take for a subgoal, drawn by seed among equal objects not yet at the target."""
+    """Choose an object for a subgoal, or return None if there is none left.
+
+    The object is drawn, using the seed of the trial, from the equivalent objects that are not yet at the target.
+    """
     goals = situation.condition.instruction.subgoals
     goal = goals[index]
     resolve = situation.condition.resolve
     served = {
         n for g in goals for n in resolve(g.reference) if at_target(state, n, g.target, g.relation, g.region)
-    }  # do not take objects that already fulfill another subgoal
+    }  # objects that already fulfill another subgoal are not taken
     names = [n for n in resolve(goal.reference) if n not in served]
     if not names:
         return None
@@ -161,20 +162,23 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Expert rule: follow the instruction in order, and stop when it is done."""
+    """Decision rule of the expert: follow the instruction in order, and stop when it has been completed."""
 
     def __init__(self, situation: Situation) -> None:
-        """Make the rule for one episode."""
+        """Create the rule for one episode."""
         self.situation = situation
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision."""
+        """Return the decision for the first subgoal that has not been reached.
+
+        If all subgoals have been reached, return the decision to stop.
+        """
         del history
         index = open_subgoal(state, self.situation.condition)
         return Rest() if index is None else self.bring(state, index)
 
     def bring(self, state: WorldState, index: int) -> Decision:
-        """Return the decision for a subgoal."""
+        """Return the decision that works toward a subgoal, which may be to open or close a drawer first."""
         goal = self.situation.condition.instruction.subgoals[index]
         name = choose(self.situation, state, index)
         if name is None:
@@ -184,6 +188,6 @@ class ExpertRule:
         return self.make_way(state, goal.target) or bring_to(goal, name)
 
     def make_way(self, state: WorldState, target: str) -> Draw | None:
-        """Return the drawer action required before an object can be put into the target, or None."""
+        """Return the drawer movement that is needed before an object can be put at the target, or None."""
         due = drawer_to_move(self.situation.condition, state, target)
         return None if due is None else Draw(due[0], out=due[1])

@@ -1,4 +1,7 @@
-"""Declarations of a policy as JSON of limited size. They are compared when a run resumes."""
+"""Descriptions of policies as JSON of limited size.
+
+When a run is resumed, the new and the stored description are compared.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,11 @@ _MAX_LISTED = 1000
 
 
 def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
-    """Return a policy's declarations as JSON. JSON documents in the metadata (adapter, handshake) are kept."""
+    """Return the description of a policy as JSON.
+
+    If a metadata value contains JSON text, such as an adapter or a handshake, it is included as JSON rather than as
+    text.
+    """
     return {
         "address": address,
         "name": encodable(info.name),
@@ -38,7 +45,10 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Return a server's declarations as JSON of bounded size. Short arrays become lists, long arrays become hashes."""
+    """Convert what a server declares to JSON of limited size.
+
+    Short arrays become lists, and long arrays are replaced by hashes.
+    """
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
         return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}
@@ -63,13 +73,13 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
         return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # other integers cannot be stored in a run
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # larger integers cannot be stored in a run
         return f"{value:#x}"
     return value if value is None or isinstance(value, bool | int) else encodable(str(value))
 
 
 def _document(text: str) -> object:
-    """Return the JSON object or list in a text, or the text itself."""
+    """If a text contains a JSON object or list, return the object or list. Otherwise, return the text itself."""
     if text[:1] in ("{", "["):
         try:
             return parse_json(text)

@@ -1,4 +1,4 @@
-"""Policy factory: creation of a worker's policy instances from an address."""
+"""Creation of a worker's policy instances from a policy address."""
 
 from __future__ import annotations
 
@@ -18,31 +18,33 @@ from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import a simulator
+if TYPE_CHECKING:  # so that the process of a policy does not import a simulator
     from betterbench.sim.worlds import TrialScene
 
 SOURCE = "source file"
-"""Metadata key for the file of a Python policy and its SHA-256."""
+"""Metadata key for the name and the SHA-256 of the file that contains a Python policy."""
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return the declarations of a policy, and check them against a run if one is given. This may contact a server.
+    """Return the description of a policy. If a run is given, check that the policy fits the run.
+
+    The check may contact a policy server.
 
     Raises:
         UnknownNameError: If no policy has this address.
-        InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
-        RecordError: If the run that a replay policy uses does not exist.
-        PolicyUnavailableError: If a server cannot be reached.
-        HandshakeError: If a server declares other conventions.
+        InvalidInputError: If a plugin cannot be loaded, or if the policy uses a different action space than the run.
+        RecordError: If the run whose actions are replayed does not exist.
+        PolicyUnavailableError: If the server cannot be reached.
+        HandshakeError: If the server declares different conventions than the client.
     """
     with PolicyFactory(address) as policies:
         return policies.check(action_space, observation)
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s]. It is given by a server's address, or else by the run.
+    """Return the maximum time for one answer of a policy [s]. The address of a server determines it, otherwise the run.
 
-    The address may also be the name of a policy object passed by the run's caller.
+    If the caller passed a policy object to the run, the name of the object is given instead of an address.
     """
     kind = find_kind(address)
     if kind is None or not kind.needs_of(address).server:
@@ -51,7 +53,10 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Factory for one worker's policies. As a context manager, it closes an instance that was not taken."""
+    """Factory for the policies of one worker.
+
+    At the end of a ``with`` block, it closes an instance that was not used.
+    """
 
     def __init__(
         self,
@@ -63,13 +68,13 @@ class PolicyFactory:
         world: str = "",
         kind: PolicyKind | None = None,
     ) -> None:
-        """Store the settings. This does not load anything or contact a server.
+        """Store the settings. Nothing is loaded and no server is contacted yet.
 
-        ``world`` is the world whose conventions are used with a server (``World.dialect``).
-
-        With ``apart``, a user's policy is loaded in a separate process. Loading may take ten times the ``timeout_s`` of
-        an answer [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare
-        declarations themselves. ``kind`` is the policy kind, by default that of the address.
+        If ``apart`` is True, a policy written by the user is loaded in a separate process. One answer may take up to
+        ``timeout_s`` [s], and loading may take ten times as long. ``known`` is the declaration that the server made at
+        the start of the run, or None if the clients themselves compare declarations. ``world`` names the benchmark
+        whose conventions apply, such as "libero" (``World.dialect``). By default, the address determines the policy
+        kind ``kind``.
 
         Raises UnknownNameError if no policy has this address.
         """
@@ -93,7 +98,9 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Policy declarations. On first use, the policy is created for them.
+        """Description of the policy.
+
+        If the policy must be created to know the description, it is created when this property is first read.
 
         Raises the errors of :func:`check_policy`.
         """
@@ -103,19 +110,22 @@ class PolicyFactory:
             self._made = self._make()
             self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
             source = self._source()
-            if source:  # compared when a run resumes
+            if source:  # compared when a run is resumed
                 self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers observations from many environments. Reading this creates the policy."""
+        """Whether one instance answers the observations of many environments.
+
+        Reading this property creates the policy.
+        """
         return bool(self.info) and self._takes_batches
 
     def check(
         self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
     ) -> PolicyInfo:
-        """Return :attr:`info`, checked as in :func:`check_policy`. The action space of a replay is empty.
+        """Return :attr:`info` after the checks of :func:`check_policy`. For a replay policy, the action space is empty.
 
         ``rate_hz`` is the control rate of the run [Hz].
         """
@@ -126,9 +136,9 @@ class PolicyFactory:
         return info
 
     def policy(self, scene: TrialScene, trial: PlannedTrial) -> AnyPolicy:
-        """Return the policy of one episode, without a thread.
+        """Return the policy for one episode. It is called directly, without a separate thread.
 
-        Raises InvalidInputError if the policy supports only betterbench's own world.
+        Raises InvalidInputError if the policy works only in betterbench's own scenes.
         """
         if self.needs.state or self.needs.trial:
             return make_for(self.address, scene, trial)
@@ -137,15 +147,15 @@ class PolicyFactory:
         return self._made
 
     def take(self) -> Policy:
-        """Return an instance that the caller must close."""
+        """Return a policy instance. The caller is responsible for closing it."""
         with self._lock:
             made, self._made = self._made, None
         return self._make() if made is None else made
 
     def _make(self) -> Policy:
-        """Return a new instance.
+        """Create a policy instance.
 
-        Raises HandshakeError if the server's policy differs from the first instance's policy.
+        Raises HandshakeError if a server now provides a different policy than it did for the first instance.
         """
         made: Policy
         if self._apart:
@@ -160,30 +170,33 @@ class PolicyFactory:
                 close_policy(made)
                 raise HandshakeError(
                     f"{self.address}: the policy has changed since the run began: {found[0]} was {found[1]} "
-                    f"and is now {found[2]}. Start the first policy and run the same command again, or give "
-                    "--allow-changed-policy to continue with both in one run."
+                    f"and is now {found[2]}. Start the server with the first policy and run the same command "
+                    "again, or use --allow-changed-policy to continue with both policies in one run."
                 )
         return made
 
     def close(self) -> None:
-        """Close an instance that was created but not used. May be called more than once."""
+        """Close an instance that was created but not taken. This method may be called more than once."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
 
     def _source(self) -> str:
-        """Return the name and SHA-256 of the user's file with the policy, or an empty string if there is none."""
+        """Return the name and SHA-256 of the user's file that contains the policy.
+
+        Return an empty string if there is none.
+        """
         if isinstance(self._made, PolicyProcess):
             return self._made.source
         return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> PolicyInfo:
-    """Return a policy's declarations with the action space of a run.
+    """Return the description of a policy with the action space of a run.
 
-    Raises InvalidInputError if the policy returns actions in another action space.
+    Raises InvalidInputError if the policy returns actions in a different action space.
     """
-    kind = find_kind(address)  # None for a policy object passed by the caller of a run
+    kind = find_kind(address)  # None for a policy object that the caller passed to the run
     if kind is not None and action_space in kind.spaces:
         return replace(info, action_space=str(action_space))
     if info.action_space and action_space not in (None, info.action_space):
@@ -196,7 +209,7 @@ def check_action_space(address: str, info: PolicyInfo, action_space: str | None)
 
 
 def close_policy(policy: object) -> None:
-    """Call a policy's ``close``, if it has one."""
+    """Call the policy's method ``close`` if it has one."""
     close = getattr(policy, "close", None)
     if callable(close):
         close()

@@ -145,6 +145,6 @@ def test_long_episodes_are_sampled_evenly_and_short_ones_wholly():
 @pytest.mark.parametrize("name", ["starvla_calvin", "vla_eval_absolute"])
 def test_a_preset_of_another_world_has_no_layout(name):
     with pytest.raises(
-        InvalidInputError, match=rf"{name}: its action space .* is not available in betterbench's own scenes"
+        InvalidInputError, match=rf"{name}: the action space .* is not available in betterbench's own scenes"
     ):
         layout_of(name)

@@ -273,5 +273,7 @@ def test_a_checkpoint_trained_on_the_lerobot_layout_derives_the_same_adapter(pre
 
 def test_six_motors_without_units_are_refused_with_both_units():
     features = Features({}, {"observation.state": 6}, 6)
-    with pytest.raises(InvalidInputError, match=r"Add action_space=NAME \(so101_degrees, so101_normalized\)"):
+    with pytest.raises(
+        InvalidInputError, match=r"Add action_space=NAME to the policy address \(so101_degrees, so101_normalized\)"
+    ):
         derive_adapter(read_address("lerobot:outputs/act"), features)

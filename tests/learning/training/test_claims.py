@@ -80,7 +80,7 @@ def test_a_claim_of_a_large_network_costs_nothing(checkpoint, change, monkeypatc
     monkeypatch.setattr(torch.nn, "Linear", lambda *sizes, **_: made.append(sizes))
     began = time.perf_counter()
     tracemalloc.start()
-    with pytest.raises(InvalidInputError, match="do not fit its recipe"):
+    with pytest.raises(InvalidInputError, match="do not match its recipe"):
         read_checkpoint(checkpoint)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()

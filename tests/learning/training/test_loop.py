@@ -541,7 +541,7 @@ def test_frozen_eyes_stay_as_they_began(tmp_path):
 def test_a_start_of_another_family_is_one_line(tmp_path):
     train(tiny(), made_up(), tmp_path / "first")
     recipe = tiny(**PIXELS, start=str(tmp_path / "first"))
-    with pytest.raises(InvalidInputError, match="do not fit its recipe") as caught:
+    with pytest.raises(InvalidInputError, match="do not match its recipe") as caught:
         train(recipe, pictured(tmp_path / "frames"), tmp_path / "second")
     assert "\n" not in str(caught.value)
 

@@ -51,8 +51,8 @@ def addresses_advised(address: str, message: str) -> list[str]:
     """Return the addresses that a message about an address advises to give in its place."""
     name, _, query = address.partition("?")
     rest = [part for part in query.split("&") if part and not part.startswith("preset=")]
-    listed = re.search(r"[Gg]ive preset=NAME \(([^)]*)\)", message)
-    named = re.findall(r"[Gg]ive preset=([a-z0-9_]+)", message)
+    listed = re.search(r"(?:[Gg]ive|[Uu]se) preset=NAME \(([^)]*)\)", message)
+    named = re.findall(r"(?:[Gg]ive|[Uu]se) preset=([a-z0-9_]+)", message)
     presets = [*(listed[1].split(", ") if listed else []), *named]
     constants = [f"{key}=1" for key in re.findall(r"Add (send\.[a-z_]+)=VALUE", message)]
     if constants:
@@ -107,14 +107,14 @@ def follow(world, address):
 )
 def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
     message = refusal("libero", f"openpi://127.0.0.1:9?preset={preset}")
-    assert f"the preset {preset} converts our scenes" in message
-    assert message.endswith(f"Give preset={layout}.")
+    assert f"the preset {preset} converts betterbench's own scenes" in message
+    assert message.endswith(f"Use preset={layout}.")
     assert refusal("libero", f"openpi://127.0.0.1:9?preset={layout}") == ""
 
 
 def test_a_world_is_not_played_in_another_space():
     message = refusal("libero", "openpi://127.0.0.1:9?preset=openpi_droid")
-    assert "openpi_droid returns actions in joint_delta, which LIBERO does not support. Give preset=NAME (" in message
+    assert "openpi_droid returns actions in joint_delta, which LIBERO does not support. Use preset=NAME (" in message
     assert refusal("libero", "http://127.0.0.1:9/act?preset=x_vla") == ""
     assert refusal("libero", "gr00t://127.0.0.1:9") == ""
     assert refusal("libero", "lerobot:some/checkpoint") == ""
@@ -138,7 +138,7 @@ def test_the_action_space_that_a_client_advises_is_taken(preset, space):
         try:
             asking(space)
         except HandshakeError as error:
-            advised = re.findall(r"Give --action-space ([a-z_]+) in a suite of ours", str(error))
+            advised = re.findall(r"Use --action-space ([a-z_]+) in a suite of betterbench", str(error))
             if not advised:
                 continue  # a camera that the observation does not have
             client.asked(*advised)

@@ -194,7 +194,10 @@ def test_units_and_polarity_of_an_adapter_are_turned_into_calvins():
     row = np.array([0.02, 0.0, -0.01, 0.05, 0.0, 0.1, 1.0])
     adapter = Adapter("mine", (), (), PRESETS["native"].instruction, rule)
     np.testing.assert_allclose(adapter.actions({"a": row}, seen())[0], [1.0, 0.0, -0.5, 1.0, 0.0, 2.0, -1.0])
-    with pytest.raises(InvalidInputError, match=r"calvin_relative adds angles, which axis_angle does not contain"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"calvin_relative adds angles to the last pose, but axis_angle does not consist of angles",
+    ):
         AnswerRule("calvin_relative", parts, rotation="axis_angle")
 
 
@@ -215,7 +218,7 @@ def test_an_address_says_that_answers_are_calvins():
         (
             "openpi://host?preset=openpi_droid",
             "calvin",
-            r"openpi_droid returns actions in joint_delta, .* Give preset=NAME \(starvla_calvin",
+            r"openpi_droid returns actions in joint_delta, .* Use preset=NAME \(starvla_calvin",
         ),
         (
             "being-h://host?preset=being_h_libero",

@@ -1,4 +1,4 @@
-"""Configuration of our environments for LeRobot's commands: ``--env.type=betterbench``."""
+"""Configuration of betterbench's environments for LeRobot's commands: ``--env.type=betterbench``."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from betterbench.tasks import get_task
 @EnvConfig.register_subclass("betterbench")  # type: ignore[untyped-decorator, unused-ignore]
 @dataclass
 class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
-    """Our environments for LeRobot.
+    """Configuration of betterbench's environments for LeRobot.
 
     Attributes:
         task: Condition ("fast_food/T1"). LeRobot 0.5 and later also accept several conditions or tasks, separated by
             commas.
-        fps: Control steps per second.
+        fps: Number of control steps per second.
         state: Name of the state layout, "ee", "joints" or "motors".
-        cameras: New names of the cameras, by old name.
+        cameras: New camera names by original camera name.
         observation: Name of an observation preset.
-        action_space: Name of an action space; by default, the robot's usual one.
-        quality: Name of a render preset.
-        robot: Name of a robot; by default, the robot that the tasks are laid out for.
-        features: Observations and actions of the environment; set automatically.
-        features_map: Names of the ``features`` in the policy's input; set automatically.
+        action_space: Name of an action space. By default, the standard action space of the robot.
+        quality: Name of a rendering preset.
+        robot: Name of a robot. By default, the robot for which the tasks are made.
+        features: Observations and actions of the environment. They are set automatically.
+        features_map: Mapping from the names in ``features`` to the names that the policy uses. It is set automatically.
     """
 
     task: str | None = "fast_food/train1"
@@ -50,7 +50,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Declare the observations and actions, under the environment's and LeRobot's names."""
+        """Declare the observations and actions, under the names of the environment and under LeRobot's names."""
         robot = self.robot or _robot_of(self.task)
         dim = action_space(robot_space(robot, self.action_space)).dim
         self.features = {
@@ -67,39 +67,41 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_id(self) -> str:
-        """Gymnasium id of the environment."""
+        """ID of the Gymnasium environment."""
         return ENVIRONMENT_ID
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Arguments of the Gymnasium environment, used by LeRobot 0.4.
+        """Arguments of the Gymnasium environment, which LeRobot 0.4 uses.
 
-        Raises InvalidInputError for several conditions.
+        Raises InvalidInputError if there are several conditions.
         """
         named = select_conditions(self.task)
         if len(named) != 1:
             raise InvalidInputError(
                 "--env.task",
-                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot evaluates one at a time",
-                "Give one condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
+                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot version evaluates one at a time",
+                "Use a single condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-        """Return the vector environments of all conditions; LeRobot calls this from version 0.5 on."""
+        """Return the vector environments of all conditions. LeRobot calls this method in version 0.5 and later."""
         return make_env(n_envs, use_async_envs, cfg=self)
 
 
 def _robot_of(conditions: str | None) -> str:
-    """Return the robot for which the tasks of these conditions are laid out.
+    """Return the robot for which the tasks of these conditions are made.
 
-    Raises InvalidInputError if they are laid out for several robots.
+    Raises InvalidInputError if they are made for several robots.
     """
     robots = {task: get_task(task).robot for task, _ in select_conditions(conditions)}
     if len(set(robots.values())) > 1:
         listed = ", ".join(f"{task}: {robot}" for task, robot in robots.items())
         raise InvalidInputError(
-            "--env.task", f"its tasks are laid out for several robots ({listed})", "Evaluate one robot at a time"
+            "--env.task",
+            f"its tasks are made for several robots ({listed})",
+            "Evaluate the tasks of one robot at a time",
         )
     return next(iter(robots.values()))

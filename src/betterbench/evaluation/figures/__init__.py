@@ -1,1 +1,1 @@
-"""Images of scenes and videos of records."""
+"""Images of scenes, and videos that are rendered from the records of trials."""

@@ -1,4 +1,4 @@
-"""Images and videos rendered from a run's records."""
+"""Images and videos rendered from the records of a run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.sim.worlds import Photo, world_named
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Image to render: a trial at a simulated time [s]."""
+    """Image to render: the state of a trial at a certain simulated time [s]."""
 
     task: str
     condition: str
@@ -41,17 +41,17 @@ def render_shots(
     views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG of ``size`` x ``size`` pixels per shot.
+    """Render one JPEG of ``size`` x ``size`` pixels per shot.
 
-    Runs in other worlds are rendered by the world's own simulator; LIBERO uses its front camera.
-
-    ``views`` contains the rendering processes to use; default: a new one. ``on_progress`` is called with the number of
-    images done and planned.
+    Images of a run in another benchmark are rendered by the simulator of that benchmark. For LIBERO, its front camera
+    is used. ``views`` provides the rendering processes; by default, a new process is started. ``on_progress`` is called
+    with the number of finished images and the number of all images.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If no off-screen OpenGL works here, or the world of the run cannot render images.
-        WorldError: If the simulator of the world fails.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine, or the benchmark of the run cannot
+            render images.
+        WorldError: If the simulator of the other benchmark fails.
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
@@ -81,7 +81,7 @@ def _world_shots(
     size: int,
     on_progress: OnCount | None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot of a run in a world that renders its own images."""
+    """Render one JPEG per shot of a run in a benchmark that renders its own images, such as LIBERO."""
     ordered = sorted(shots, key=lambda shot: (shot.task, shot.condition))
     rows = [records[s.task, s.condition, s.seed] for s in ordered]
     wanted = [
@@ -108,15 +108,17 @@ def write_video(
     out: Path | None = None,
     on_progress: OnCount | None = None,
 ) -> Path:
-    """Write the video of a recorded trial (H.264 in MP4), by default into the run's folder; return its path.
+    """Write the video of a recorded trial (H.264 in MP4) and return its path.
 
-    ``on_progress`` is called with the number of frames done and planned.
+    By default, the video is written to the folder of the run.
+
+    ``on_progress`` is called with the number of finished frames and the number of all frames.
 
     Raises:
-        InvalidInputError: If the size [pixel] is odd.
+        InvalidInputError: If the side length of the images [pixel] is odd.
     """
     if size % 2:
-        raise InvalidInputError("--size", f"{size} is odd", "Give an even number of pixels")
+        raise InvalidInputError("--size", f"{size} is odd", "Use an even number of pixels")
     record = run.read_record(task, condition, seed)
     path = out or run.video_path(task, condition, seed, camera=camera)
     with LimitedView(quality="standard", size=size) as view:
@@ -134,9 +136,10 @@ def film_record(
     every: int = 1,
     on_progress: OnCount | None = None,
 ) -> None:
-    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows. ``view`` contains the open scene.
+    """Write the video of a record (H.264 in MP4), with one frame for every ``every`` control steps.
 
-    ``on_progress`` is called with the number of frames done and planned.
+    The renderer ``view`` must already have opened the scene of the record. ``on_progress`` is called with the number of
+    finished frames and the number of all frames.
     """
     rows = range(0, len(record), every)
     with DurableFile(path) as durable, av.open(durable.file, "w", format="mp4") as container:
@@ -155,7 +158,10 @@ def film_record(
 
 
 def probe_encoder() -> str:
-    """Encode a small video in memory and return its format; raise an error if the encoder is missing."""
+    """Encode a small video in memory, and return a description of the video format.
+
+    Raises an error if the encoder is not available.
+    """
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=20)

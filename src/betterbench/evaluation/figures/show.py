@@ -1,4 +1,4 @@
-"""Images of conditions, such as a training scene next to a variation's test scene."""
+"""Images of conditions, for example of a training scene next to the test scene of a variation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Expected, Task, Variation, get_task
 from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
-"""Outline color, which no object of the suite has."""
+"""Color of outlines, which no object of the suite has."""
 _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 
 
@@ -33,12 +33,15 @@ def show_condition(
     outlined: Sequence[str] = (),
     robot: str = USUAL_ROBOT,
 ) -> Image.Image:
-    """Return the front view of a condition at reset, with some objects outlined, in ``size`` x ``size`` pixels."""
+    """Render the front view of a condition after the reset, as an image of ``size`` x ``size`` pixels.
+
+    The given objects are outlined.
+    """
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"), robot_name=robot)
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
     if view.rgb is None or view.masks is None:
-        raise AssertionError("colors and masks were requested")
+        raise AssertionError("unreachable: colors and masks were requested")
     bodies = [int(b) for b, p in zip(scene.compiled.bodies, scene.placements, strict=True) if p.spec.name in outlined]
     return Image.fromarray(_outline(view.rgb, np.isin(view.masks, bodies), max(2, size // 180)))
 
@@ -46,7 +49,7 @@ def show_condition(
 def show_comparison(
     task_id: str, name: str, *, seed: int = 0, size: int = 512, robot: str = USUAL_ROBOT
 ) -> Image.Image:
-    """Return a variation's training scene next to its test scene, with outlined changes.
+    """Render the training scene and the test scene of a variation side by side. Changed objects are outlined.
 
     Both scenes have the same seed. Each image has ``size`` x ``size`` pixels.
     """
@@ -70,22 +73,25 @@ _RIGHT = {
     "stay_still": "correct: stay still",
     "ambiguous": "ambiguous: no right behavior",
 }
-"""Descriptions of the correct behavior in a test scene."""
+"""Description of the correct behavior in a test scene."""
 
 
 def card_title(variation: Variation) -> str:
-    """Return the changes of a variation, and the correct behavior unless it is to reach the goal."""
+    """Return the title of a variation.
+
+    If the correct behavior is not to reach the goal, the title ends with this behavior.
+    """
     right = "" if variation.expected is Expected.SUCCEED else f" ({_RIGHT[variation.expected.value]})"
     return f"{variation.name}: {_printable(variation.title)}{right}"
 
 
 def _printable(text: str) -> str:
-    """Replace arrows, because the built-in font lacks them."""
+    """Replace arrow characters, because the built-in font does not contain them."""
     return text.replace("→", ">")
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
-    """Encode an image as PNG or JPEG according to the suffix of the name, with a comment in the header."""
+    """Encode an image as PNG or JPEG, depending on the file name's suffix. The remark is stored in the file header."""
     buffer = io.BytesIO()
     if suffix.lower() == ".png":
         texts = PngInfo()
@@ -99,7 +105,7 @@ def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
 def show_training(
     task_id: str, *, seed: int = 0, size: int = 512, columns: int = 4, robot: str = USUAL_ROBOT
 ) -> Image.Image:
-    """Return all training conditions of a task, in rows of ``columns`` images."""
+    """Render all training conditions of a task, in rows of ``columns`` images."""
     task = get_task(task_id)
     panels = [
         (c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size, robot=robot)) for c in task.training
@@ -108,7 +114,7 @@ def show_training(
 
 
 def show_card(task_id: str, *, seed: int = 0, size: int = 256, columns: int = 4) -> Image.Image:
-    """Return the card of a task, with the first training condition of each layout and all test scenes."""
+    """Render an overview of a task: the first training condition of each layout, and all test scenes."""
     task = get_task(task_id)
     layouts = {tuple(sorted(c.layout.items())): c for c in reversed(task.training)}
     shown = [c for c in task.training if c in layouts.values()]
@@ -132,7 +138,10 @@ def _in_rows(head: str, panels: Sequence[tuple[str, str, Image.Image]], columns:
 
 
 def shown_credits(task_id: str, name: str | None) -> tuple[str, ...]:
-    """Return one line for each source of the objects in the scenes of a variation, or of all training conditions."""
+    """Return one credit line for each source of the objects in the test scene and training scene of a variation.
+
+    If ``name`` is None, the objects in all training conditions are credited.
+    """
     task = get_task(task_id)
     conditions = task.training
     if name is not None:
@@ -150,7 +159,7 @@ class _Credited:
 
 
 def _outline(rgb: np.ndarray, mask: np.ndarray, width: int) -> np.ndarray:
-    """Return the image with a line drawn around a mask."""
+    """Return a copy of an image in which the outline of a mask is drawn."""
     grown = mask.copy()
     for _ in range(width):
         padded = np.pad(grown, 1)
@@ -182,7 +191,7 @@ def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Ima
 
 
 def wrap_text(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
-    """Return an instruction in quotation marks, wrapped to a width [px], as lines."""
+    """Put an instruction in quotation marks, and split it into lines of at most the given width [px]."""
     return _wrapped(f"“{text}”", font, width)
 
 

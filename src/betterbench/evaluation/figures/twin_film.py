@@ -1,4 +1,7 @@
-"""Videos of a recorded trial next to its training twin, with instructions, time, labels and the gripper's path."""
+"""Videos that show a recorded trial next to its training twin, which is the training trial with the same seed.
+
+They also show instructions, time, labels and the path of the gripper.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,11 @@ from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.limited import LimitedView, LimitedViews
 
 OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
-"""Colors of the path for an open and a closed gripper command."""
+"""Colors of the path where the gripper was commanded to open and to close."""
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
-"""Height of the space below the images, where a player shows its controls while the video is paused."""
+"""Height of the space below the images, as a fraction. A player shows its controls there while the video is paused."""
 
 _HOLD_S = 1.0
 """Time for which the first image (with the complete path) and the last state are shown [s of the video]."""
@@ -34,12 +37,12 @@ _HOLD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Side of a twin video: a trial with heading and outcome.
+    """One of the two trials in a video, with its heading and its outcome.
 
     Attributes:
-        heading: Title of the side ("this trial, fast_food/T1/3").
-        ended: Outcome ("Semantic feature collapse").
-        right: Whether the outcome is a success and is shown in blue.
+        heading: Title above the trial ("this trial, fast_food/T1/3").
+        ended: Outcome of the trial ("Semantic feature collapse").
+        right: Whether the outcome is a success, which is shown in blue.
     """
 
     task: str
@@ -51,19 +54,19 @@ class Panel:
 
     @property
     def trial(self) -> tuple[str, str, int]:
-        """Task, condition and seed."""
+        """Task, condition and seed of the trial."""
         return self.task, self.condition, self.seed
 
 
 @dataclass(frozen=True, slots=True)
 class FilmLook:
-    """Camera, size, speed and quality of a video.
+    """Camera, size, speed and rendering quality of a video.
 
     Attributes:
-        size: Side of each image [px, even].
+        size: Side length of each image [px]. It must be even.
         rate_hz: Frames per second of the video.
-        longest_s: Maximum duration of the motion [s of the video], to which longer trials are sped up. None for real
-            time.
+        longest_s: Maximum time that the motion takes in the video [s]. Longer trials are sped up to fit this time. With
+            None, every trial is shown in real time.
     """
 
     camera: str = "front"
@@ -75,13 +78,16 @@ class FilmLook:
     def __post_init__(self) -> None:
         if self.size % 2 or self.size < 64:
             raise InvalidInputError(
-                "--size", f"{self.size} pixels are odd or too few", "Give an even number of at least 64 pixels"
+                "--size", f"{self.size} pixels are odd or too few", "Use an even number of at least 64 pixels"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """Video (H.264 in MP4), and its cover image (JPEG): the initial states of both trials with their complete paths."""
+    """Video (H.264 in MP4) of a trial and its training twin, with a cover image (JPEG).
+
+    The cover image shows the initial states of both trials with their complete gripper paths.
+    """
 
     clip: bytes
     still: bytes
@@ -95,13 +101,13 @@ def render_paths(
     views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return a JPEG per trial (task, condition, seed): the initial state with the end effector's path.
+    """Render one JPEG per trial (task, condition, seed): its initial state with the path of the end effector.
 
-    ``views`` contains the rendering processes to use; default: a new one.
+    ``views`` provides the rendering processes. By default, a new process is started.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     images: dict[tuple[str, str, int], bytes] = {}
     with _views(look, 1 if trials else 0, views) as sides:
@@ -120,9 +126,10 @@ def render_strips(
     look: FilmLook = FilmLook(size=160),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial: the initial state with the complete path, and later states with the path until then.
+    """Render one strip of images per trial as a JPEG. The first image shows the initial state with the complete path.
 
-    Raises the errors of :func:`render_paths`.
+    Each of the other images shows a later state with the path up to that time. Raises the errors of
+    :func:`render_paths`.
     """
     images: dict[tuple[str, str, int], bytes] = {}
     with _views(look, 1 if trials else 0) as views:
@@ -146,9 +153,9 @@ def render_twin_films(
     views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
-    """Return videos of trials next to their twins, or of single trials.
+    """Return videos that each show a trial, or a trial next to the training trial with the same seed (its twin).
 
-    ``views`` has the same meaning as in :func:`render_paths`. Raises the errors of :func:`render_paths`.
+    ``views`` provides the rendering processes, as in :func:`render_paths`. Raises the errors of :func:`render_paths`.
     """
     made: list[TwinFilm] = []
     with _views(look, max(map(len, films), default=0), views) as sides:
@@ -169,7 +176,10 @@ def write_twin_film(
     look: FilmLook,
     on_progress: OnCount | None = None,
 ) -> Path:
-    """Write a video of :func:`render_twin_films` to a file. ``on_progress`` gets the frames done and planned."""
+    """Write a video of a trial and its training twin to a file. See :func:`render_twin_films`.
+
+    ``on_progress`` is called with the number of finished frames and the number of all frames.
+    """
     with DurableFile(path) as durable, _views(look, len(panels)) as views:
         _film(views, run, panels, durable.file, look=look, on_progress=on_progress)
         durable.finish()
@@ -178,7 +188,10 @@ def write_twin_film(
 
 @contextmanager
 def _views(look: FilmLook, count: int, given: LimitedViews | None = None) -> Iterator[list[LimitedView]]:
-    """Provide rendering processes, one for each side of a video, and end those that were not given."""
+    """Provide ``count`` rendering processes, one for each trial in a video.
+
+    Processes that are started here are ended afterwards. Processes that the caller passed in keep running.
+    """
     with ExitStack() as stack:
         views = given or stack.enter_context(LimitedViews())
         yield views.take(count, quality=look.quality, size=look.size)
@@ -193,7 +206,7 @@ def _film(
     look: FilmLook,
     on_progress: OnCount | None = None,
 ) -> Image.Image:
-    """Encode a video and return its first image."""
+    """Write a video to ``target``. Return the first image of the video."""
     sides = [_Side(view, run, panel.trial, look) for view, panel in zip(views, panels, strict=False)]
     layout = _Layout([(p, s.record.metadata.instruction) for p, s in zip(panels, sides, strict=True)], look.size)
     lasting_s = max(side.duration_s for side in sides)
@@ -226,7 +239,7 @@ def _sheets(
 
 
 class _Side:
-    """Images of one recorded trial, with the end effector's path."""
+    """Images of one recorded trial, with the path of the end effector drawn into them."""
 
     def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
         self.record: Record = run.read_record(*trial)
@@ -239,11 +252,14 @@ class _Side:
 
     @property
     def duration_s(self) -> float:
-        """Length of the trial [s]."""
+        """Duration of the trial [s]."""
         return (len(self.record) - 1) / self.record.metadata.control_rate_hz
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the image at a time [s] with the path so far, or that of the last state after the end."""
+        """Return the image at a given time [s], with the path up to that time.
+
+        For times after the end of the trial, the image shows the last state.
+        """
         row = min(round(time_s * self.record.metadata.control_rate_hz), len(self.record) - 1)
         if self._last is None or self._last[0] != row:
             self._last = row, self._with_path(self._draw(row), row + 1)
@@ -253,7 +269,10 @@ class _Side:
         return Image.fromarray(self._view.draw(self.record.qpos[row], self._look.camera, jitter=self._jitter))
 
     def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
-        """Return an image with the path of the first rows, blue for an open and orange for a closed gripper."""
+        """Draw the path of the end effector in the first rows of the record into an image.
+
+        The path is blue while the gripper should be open, and orange elsewhere.
+        """
         drawn, scale = image.copy(), 2
         large = drawn.resize((scale * drawn.width, scale * drawn.height), Image.Resampling.BICUBIC)
         pen, thick = ImageDraw.Draw(large), max(2, round(drawn.width / 90)) * scale // 2
@@ -276,7 +295,7 @@ class _Side:
 
 
 class _Layout:
-    """Layout of a frame: images side by side, with heading, instruction and outcome above and the time in a corner."""
+    """Layout of a video frame: images side by side, with the heading, instruction and outcome of each, and the time."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)
@@ -291,7 +310,7 @@ class _Layout:
         self._extent = width + width % 2, height + height % 2
 
     def sheet(self, images: Sequence[Image.Image], clock: str) -> Image.Image:
-        """Return one frame."""
+        """Compose one frame of the video."""
         sheet = Image.new("RGB", self._extent, _PAPER)
         pen = ImageDraw.Draw(sheet)
         for i, ((panel, _), lines, image) in enumerate(zip(self._panels, self._texts, images, strict=True)):

@@ -1,6 +1,7 @@
-"""Images of recorded states, with their visible objects, rendered from the stored scene.
+"""Images of recorded states, rendered from the stored scene, and descriptions of the objects visible in the images.
 
-The objects are described by :class:`~betterbench.interface.state.FrameView`, as in materialized masks.
+A :class:`~betterbench.interface.state.FrameView` describes the visible objects. It has the same form as for masks that
+are rendered later.
 """
 
 from __future__ import annotations
@@ -22,25 +23,28 @@ from betterbench.sim.scenes.limited import LimitedView
 from betterbench.sim.scenes.sights import GRIPPER_INSTANCES, ModelFacts
 
 JPEG_QUALITY = 92
-"""JPEG settings, with colors at full resolution because many objects are only a few pixels wide."""
+"""Quality setting for JPEG. Colors are stored at full resolution, because many objects are only a few pixels wide."""
 
 _ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
-"""Sample points of a bounding box as fractions of its size, relative to the center of its bottom face."""
+"""Points of a bounding box, given as fractions of its size, relative to the center of its bottom face."""
 
 
 class CameraPhoto(NamedTuple):
-    """Image (JPEG) with its visible objects."""
+    """Camera image (JPEG), and a description of the objects visible in it."""
 
     jpeg: bytes
     view: FrameView
 
 
 class ViewRenderer:
-    """Renderer of recorded states with visible objects. A context manager that ends the rendering process."""
+    """Renderer of recorded states, which also finds the visible objects.
+
+    It renders in a separate process, which is ended at the end of a ``with`` block.
+    """
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
-        """Start the rendering process. ``size`` is the side of the images [pixel]."""
+        """Start the rendering process. ``size`` is the side length of the images [pixel]."""
         self._run, self._limited, self._size = run, LimitedView(quality=quality), size
         self._cameras: tuple[str, ...] = ()
         self._row: tuple[Record, int] | None = None
@@ -55,22 +59,26 @@ class ViewRenderer:
         self._limited.close()
 
     def stop(self) -> None:
-        """End the process from another thread. The rendering thread gets a RecordError."""
+        """End the rendering process from another thread. The thread that is rendering gets a RecordError."""
         self._limited.stop()
 
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
-        """Return a camera's image at one row of a run's record, with the visible objects.
+        """Return the image of a camera at one row of a record, with a description of the objects visible in it.
 
         Raises:
-            RecordError: If the stored scene is missing, damaged, belongs to another record, or lacks the camera.
-            MissingDependencyError: If no off-screen OpenGL works here.
+            RecordError: If the stored scene is missing or damaged, belongs to another record, or does not have the
+                camera.
+            MissingDependencyError: If off-screen OpenGL does not work on this machine.
         """
         if self._row is None or self._row[0] is not record or self._row[1] != row or camera not in self._photos:
             self._draw(record, row, camera)
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row from every camera requested so far, because callers usually need all cameras of a row."""
+        """Render a row of the record from all cameras that have been requested so far.
+
+        Callers usually need the images of all these cameras.
+        """
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -78,7 +86,8 @@ class ViewRenderer:
         facts, _ = self._limited.prepare(views, ("rgb", "boxes"), gripper=True)
         if len(facts.object_bodies) != len(record.metadata.scene.objects):
             raise RecordError(
-                "The stored scene and the record have different objects, so they belong to different trials."
+                "The stored scene contains other objects than the record, so the scene and the record "
+                "belong to different trials."
             )
         ((*sights,),) = self._limited.sights(record.qpos[row : row + 1], jitter=record.metadata.view_jitter)
         photos = {}
@@ -91,7 +100,7 @@ class ViewRenderer:
 
 
 def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
-    """Return the camera of a view, given its position and quaternion (see ``sight_type``)."""
+    """Return the camera matrices for a view, given the position and quaternion of the camera."""
     x, y, z, qw, qx, qy, qz = placed.tolist()
     half = 0.5 * (size - 1)
     K = np.array([[focal_px, 0.0, half], [0.0, focal_px, half], [0.0, 0.0, 1.0]])
@@ -101,8 +110,11 @@ def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
 def _seen_objects(
     record: Record, row: int, facts: ModelFacts, sight: np.ndarray, camera: CameraMatrices
 ) -> dict[str, SeenObject]:
-    """Return the visible parts of each object and of the gripper."""
-    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # mask of objects, by body number plus one
+    """Return a description of the visible part of each object and of the gripper, by name.
+
+    Objects that are not visible are left out.
+    """
+    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # index of the object, by body number plus one
     numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
     numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
     shown, seen = numbers[sight["bodies"]], dict[str, SeenObject]()
@@ -118,7 +130,7 @@ def _seen_objects(
 
 
 def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
-    """Return the visible part of an object from a (height, width) bool mask with at least one pixel."""
+    """Describe the visible part of an object, given its mask (height, width) with at least one pixel set."""
     rows, columns = np.nonzero(mask)
     box = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     flat = np.concatenate(([False], mask.ravel(), [False]))
@@ -130,7 +142,7 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
-    """Return the fraction of an object's bounding box inside the image, estimated from a grid of points."""
+    """Return the fraction of an object's bounding box that is inside the image, estimated from a grid of points."""
     number = record.metadata.scene.index(info.name)
     local = _GRID * np.asarray(info.size_m)
     w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]

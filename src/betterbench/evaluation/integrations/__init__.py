@@ -1,1 +1,1 @@
-"""Integrations of the tasks into other evaluation harnesses."""
+"""Integrations that make the tasks available in other evaluation harnesses."""

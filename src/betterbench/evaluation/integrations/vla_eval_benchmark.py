@@ -1,7 +1,7 @@
-"""Benchmark for vla-evaluation-harness: ``vla-eval run`` evaluates a policy on our tasks.
+"""Benchmark for vla-evaluation-harness, with which ``vla-eval run`` evaluates a policy on betterbench's tasks.
 
-The harness controls the loop, the model server and its own result file. In addition, the benchmark writes a run folder
-with the records of ``better eval``. Every condition is one task of the harness; its episode i is the trial with seed
+The harness controls the loop, the model server and its own result file. The benchmark also writes a run folder with the
+same records as ``better eval``. Each condition is one task of the harness, whose episode i is the trial with seed
 ``seed + i``.
 """
 
@@ -51,29 +51,32 @@ from betterbench.evaluation.integrations.vla_eval_specs import action_specs, obs
 logger = logging.getLogger(__name__)
 
 ADDRESS = "vla-eval:"
-"""Prefix for the policy name in records and reports of harness runs."""
+"""Prefix of the policy name in records and reports of runs made by the harness."""
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
-    """The suite, or some of its conditions, as a benchmark for the harness.
+    """Benchmark for vla-evaluation-harness, which contains the suite better60 or some conditions of it.
 
     Args:
-        run: Run folder. An interrupted run is resumed, with the results of finished trials from their records.
-        policy: Policy name in the report ("pi0-libero"); the harness does not pass it to a benchmark.
-        conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
-            list or one comma-separated string; by default all of better60.
-        trials: Trials per condition; must equal ``episodes_per_task``.
+        run: Run folder. An interrupted run is resumed; the results of finished trials are taken from their records.
+        policy: Name of the policy in the report ("pi0-libero"). It must be given, because the harness does not tell a
+            benchmark which policy it evaluates.
+        conditions: Tasks ("fast_food" stands for all its conditions) and conditions ("fast_food/T1",
+            "fast_food/train1"), as a list or one comma-separated string. By default, all conditions of better60.
+        trials: Number of trials per condition. It must equal ``episodes_per_task``.
         seed: First seed.
-        adapter: Name of an adapter preset, or a JSON file: the layout of requests and answers.
-        cameras: Camera to use for a key of the adapter ({"images/agentview": "left_shoulder"}).
-        observation: Name of an observation preset; "state_only" renders no images.
-        quality: Name of a render preset.
-        send_wrist_image: True to send the wrist image. Model servers usually request it themselves.
-        send_state: True to send the robot's state. Model servers usually request it themselves.
-        absolute_action: True if the model server answers with absolute poses, which requires an adapter that reads
+        adapter: Name of an adapter preset, or path of a JSON file with an adapter. An adapter describes the format of
+            requests and answers.
+        cameras: Cameras that replace those of the adapter, by key in the request ({"images/agentview":
+            "left_shoulder"}).
+        observation: Name of an observation preset. "state_only" renders no images.
+        quality: Name of a rendering preset.
+        send_wrist_image: Whether to send the wrist image. Model servers usually request it themselves.
+        send_state: Whether to send the state of the robot. Model servers usually request it themselves.
+        absolute_action: Whether the model server answers with absolute poses. This requires an adapter that reads
             ``ee_pose``. Model servers usually declare this themselves.
-        quat_no_antipodal: Must be True, as model servers request. Rotation vectors in the state are then continuous
-            while the tool points down, as in robosuite's data.
+        quat_no_antipodal: Must be True, which is also what model servers request. Rotation vectors in the state are
+            then continuous while the tool points down, as in robosuite's data.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -81,10 +84,15 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose OSMesa as renderer for "cpu", and for "gpu" the renderer given by the environment (default: EGL)."""
+        """Choose the renderer. Mode "cpu" selects OSMesa.
+
+        Mode "gpu" selects the renderer in MUJOCO_GL, by default EGL.
+        """
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError(
-                "render", "EGL is already loaded, so cpu rendering cannot be chosen", "Unset MUJOCO_GL"
+                "render",
+                "EGL is already loaded, so cpu rendering cannot be chosen",
+                "Unset the environment variable MUJOCO_GL",
             )
         applied: dict[str, str] = configure_mujoco_render(mode)
         return applied
@@ -106,10 +114,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         absolute_action: bool = False,
         quat_no_antipodal: bool = True,
     ) -> None:
-        """Resolve all names. The run folder is created at the start of the first episode."""
+        """Check all names. The run folder is created when the first episode starts."""
         super().__init__()
         if not quat_no_antipodal:
-            raise InvalidInputError("quat_no_antipodal", "must be True", "Leave it out")
+            raise InvalidInputError("quat_no_antipodal", "must be True", "Omit this argument")
         self._recorder = NullEpisodeRecorder()
         self.adapter = _shaped(
             own_preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
@@ -123,7 +131,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 "absolute_action",
                 f"the model server answers with absolute poses, but adapter {self.adapter.name} reads "
                 f"{self.adapter.answer.space}",
-                "Give an adapter= whose answer has the space ee_pose and the model's rotation format",
+                "Choose an adapter whose answer has the space ee_pose and the model's rotation format",
             )
         self._out = Path(run).resolve()  # the harness may change the working directory
         self._seed, self._trials = seed, trials
@@ -143,7 +151,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         self._in_episode = False
 
     def get_tasks(self) -> list[dict[str, Any]]:
-        """Return every condition as a task of the harness, such as "fast_food/T1" in the suite "fast_food"."""
+        """Return each condition as a task of the harness.
+
+        For example, "fast_food/T1" is a task in the suite "fast_food".
+        """
         named = dict.fromkeys((t.task, t.condition, t.expected) for t in self.plan.trials if not t.ambiguous)
         return [
             {"name": f"{task}/{condition}", "suite": task, "condition": condition, "expected": expected}
@@ -151,12 +162,12 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Begin the trial with an episode number in one of the tasks of :meth:`get_tasks`.
+        """Begin an episode of a task from :meth:`get_tasks`. The number of the episode selects the trial.
 
         Raises:
-            InvalidInputError: If the episode has no trial in the plan.
+            InvalidInputError: If the plan has no trial for this episode.
             PolicyError: If the trial failed with an error.
-            RecordingError: If the run must stop: the disk is full, or the folder contains another run.
+            RecordingError: If the run must stop, because the disk is full or the folder contains a different run.
         """
         trial = self._current = self._trial(task)
         self._outcome = None
@@ -164,14 +175,19 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             run = self._open()
             if run.is_done(trial):
                 self._outcome = run.outcome(trial)
-                logger.warning("%s seed %d is finished; the result is taken from its record", task["name"], trial.seed)
+                logger.warning(
+                    "%s seed %d has been run before; the result is taken from its record", task["name"], trial.seed
+                )
             self._seen = run.begin(trial)
         self._in_episode = True
         self._record_image()
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Execute the action of the model server. As in better eval, an invalid action ends the episode."""
+        """Execute the actions that the model server returned.
+
+        As in ``better eval``, an invalid action ends the episode.
+        """
         run, seen = self._run, self._seen
         if run is None or seen is None:
             raise InvalidInputError("step", "there is no current episode", "Call reset first")
@@ -199,15 +215,15 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return result
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
-        """Return the message for the model server: images, instruction and, if requested, the state."""
+        """Return the message for the model server, with images, the instruction and, if requested, the robot state."""
         del task
         return self.adapter.request(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
-        """Return the episode's result.
+        """Return the result of the episode, in the form that the harness expects.
 
-        The harness counts an episode that it ends early (``max_steps``) as a failure. In the report, this trial counts
-        as not run, because the policy could have succeeded later.
+        If the harness itself ended the episode early (``max_steps``), it counts the episode as a failure. In
+        betterbench's report, the trial counts as not run, because the policy might have succeeded later.
         """
         if self._in_episode and self._run is not None:
             self._in_episode = False
@@ -219,21 +235,21 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return the metrics that the harness averages: success, episodes with errors, and shortened episodes."""
+        """Return the metrics that the harness averages: success, policy errors, and episodes that were cut short."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
-        """Return the format of actions."""
+        """Return the format of each component of the actions (for example position, rotation and gripper)."""
         return action_specs(self.adapter.answer)
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        """Return the format of observations."""
+        """Return the format of each component of the observations (for example images and the instruction)."""
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the step limit of the suite.
+        """Return the metadata of the benchmark, including the largest step limit of its tasks.
 
-        Without the harness's ``max_steps``, episodes end at the suite's step limit.
+        The harness ends episodes at this limit unless it was given ``max_steps``.
         """
         conditions = {(t.task, t.condition): t for t in self.plan.trials}
         limits = [found.task.step_limit(found.condition) for found in (t.resolve() for t in conditions.values())]
@@ -245,10 +261,13 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         }
 
     def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
-        """Return the action that keeps the robot still (for absolute actions the last action), for the live mode.
+        """Return an action that keeps the robot still, for the harness's live mode.
+
+        For absolute actions, this is the last action.
 
         Raises:
-            NotImplementedError: If there is no last action, or the gripper has no neutral value.
+            NotImplementedError: If the actions are absolute and there is no last action yet, or if no gripper command
+                leaves the gripper unchanged.
         """
         neutral = action_space(self.adapter.answer.space).neutral
         if neutral is not None and self.adapter.answer.gripper.endswith("positive"):
@@ -261,11 +280,11 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         )
 
     def render(self) -> np.ndarray | None:
-        """Return the current image of the first camera, or None if there is none."""
+        """Return the current image of the first camera, or None if the observations contain no images."""
         return None if self._seen is None else next(iter(self._seen.images.values()), None)
 
     def cleanup(self) -> None:
-        """Abandon the current episode and free the renderers."""
+        """Abandon the current episode and close the renderers."""
         if self._run is not None:
             self._run.close()
             self._run = None
@@ -288,9 +307,9 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 return trial
         raise InvalidInputError(
             "episodes_per_task",
-            f"the plan has {self._trials} trials per condition, so {task['name']} has no episode {episode} (numbered "
-            f"from 0)",
-            f"Set params.trials and episodes_per_task to the same number, at least {episode + 1}",
+            f"the plan has {self._trials} trials per condition, so {task['name']} has no episode {episode} "
+            "(episodes are numbered from 0)",
+            f"Set params.trials and episodes_per_task to the same number, which must be at least {episode + 1}",
         )
 
     def _end(self) -> StepResult:
@@ -314,7 +333,7 @@ def _won(outcome: Outcome | None) -> bool:
 
 @contextmanager
 def _stop_run() -> Iterator[None]:
-    """Stop the whole evaluation if every further episode would fail in the same way.
+    """Stop the whole evaluation after an error with which every further episode would fail, too.
 
     The harness catches all other errors of an episode and continues with the next episode.
     """
@@ -325,7 +344,7 @@ def _stop_run() -> Iterator[None]:
 
 
 def _shaped(adapter: Adapter, cameras: dict[str, str], observation: str, *, wrist: bool, state: bool) -> Adapter:
-    """Return the adapter without the images and states that are not sent to the model server."""
+    """Return a copy of the adapter without the images and states that are not sent to the model server."""
     shown = adapter.with_cameras(cameras)
     views = tuple(v for v in shown.views if wrist or "wrist" not in v.key[-1])
     if not observation_spec(observation).cameras:
@@ -343,7 +362,10 @@ def _plan(
     observation: str,
     quality: str,
 ) -> Plan:
-    """Return the trials of ``better eval`` for some conditions, with the same number for each."""
+    """Return a plan that contains the same number of trials for each of the given conditions.
+
+    The trials have the same seeds as in ``better eval``.
+    """
     tasks = list(dict.fromkeys(task for task, _ in conditions))
     whole = make_plan(
         policy,

@@ -1,4 +1,4 @@
-"""Formats of actions and observations for vla-evaluation-harness."""
+"""Conversion of action and observation formats to the terms of vla-evaluation-harness."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the action format by component. Formats that the harness does not know keep their betterbench name."""
+    """Return the format of each component of an adapter's actions.
+
+    If the harness has no name for a format, betterbench's name is used.
+    """
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):
@@ -44,7 +47,7 @@ def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
 
 
 def observation_specs(adapter: Adapter) -> dict[str, DimSpec]:
-    """Return the format of observations by component: images by camera, instruction, and state if sent."""
+    """Return the formats of the images (by camera), the instruction and, if it is sent, the robot state."""
     found = {view.key[-1]: specs.IMAGE_RGB for view in adapter.views}
     found["language"] = specs.LANGUAGE
     for i, rule in enumerate(adapter.states):

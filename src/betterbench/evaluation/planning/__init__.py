@@ -1,1 +1,1 @@
-"""Plans of runs, manifests, and repetition of other runs."""
+"""Planning of runs: the plan, the manifest, and repeating an earlier run."""

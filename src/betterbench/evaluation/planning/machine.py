@@ -1,4 +1,4 @@
-"""Description of this machine, read from system files without running programs."""
+"""Description of this machine. It is read from system files, without running other programs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")
 _MAX_FILE_BYTES = 1 << 20
 _DISTRIBUTION = "betterbench"
-_LEFT_OUT = "dev"  # the extra with test tools and linters does not affect results
+_LEFT_OUT = "dev"  # the extra with test tools and linters, which do not affect results
 
 
 def describe_machine() -> dict[str, object]:
-    """Return CPU, memory and GPUs, as far as they are known."""
+    """Return a description of this machine's CPU, memory and GPUs, as far as they can be determined."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),
@@ -35,7 +35,7 @@ def describe_machine() -> dict[str, object]:
 def describe_renderer() -> dict[str, str]:
     """Return the fingerprint of the renderer, or the reason why rendering does not work.
 
-    This function creates the OpenGL context of the process, so call it in the rendering thread.
+    The function creates the OpenGL context of the process, so it must be called in the thread that will render.
     """
     try:
         return renderer_fingerprint()
@@ -45,9 +45,9 @@ def describe_renderer() -> dict[str, str]:
 
 @cache
 def package_lock() -> tuple[str, ...]:
-    """Return the installed distributions that betterbench may use, sorted ("numpy==2.3.1").
+    """Return those installed packages that betterbench may use, with their versions ("numpy==2.3.1"), sorted by name.
 
-    Reading the metadata of about a hundred distributions takes 0.1 s, so each process reads it only once.
+    The list is made only once per process, since reading the metadata of about a hundred packages takes 0.1 s.
     """
     found: dict[str, str] = {}
     waiting = [_DISTRIBUTION]
@@ -65,12 +65,12 @@ def package_lock() -> tuple[str, ...]:
 
 
 def source_revision(folder: Path) -> str | None:
-    """Return the git revision of a folder, or None if it belongs to no repository."""
+    """Return the git revision of the repository that contains a folder, or None if there is no repository."""
     for parent in (folder, *folder.parents):
         link = parent / ".git"
         if link.exists():
             home = link
-            if link.is_file():  # a worktree or a submodule
+            if link.is_file():  # a worktree or a submodule has a file that names the git directory
                 home = parent / _read(link).removeprefix("gitdir:").strip()
             return _head(home)
     return None
@@ -90,7 +90,10 @@ def _head(home: Path) -> str | None:
 
 
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
-    """Return the requirements of a distribution, optionally with all extras except the developer extra."""
+    """Return the names of the packages that an installed package requires.
+
+    If ``extras`` is True, the requirements of its extras are included, except those of the developer extra.
+    """
     names = []
     for requirement in distribution.requires or ():
         found = _NAME.match(requirement)
@@ -113,7 +116,7 @@ def _memory_gb() -> float:
 
 
 def _graphics_cards() -> list[str]:
-    """Return the GPU models, from the NVIDIA, AMD and other drivers."""
+    """Return the models of the GPUs, as reported by NVIDIA's and other drivers."""
     cards = []
     for file in sorted(Path("/proc/driver/nvidia/gpus").glob("*/information")):
         model = re.search(r"^Model:\s*(.+)$", _read(file), re.MULTILINE)
@@ -127,7 +130,7 @@ def _graphics_cards() -> list[str]:
 
 
 def _read(file: Path) -> str:
-    """Return the beginning of a text file, empty if it cannot be read."""
+    """Return the beginning of a text file, or an empty string if the file cannot be read."""
     with contextlib.suppress(OSError), file.open("rb") as stream:
         return stream.read(_MAX_FILE_BYTES).decode("utf-8", "replace")
     return ""

@@ -1,7 +1,8 @@
-"""Run manifest: context of a run at its start, stored in ``run.json``.
+"""Manifest of a run: the circumstances in which the run was started, stored in ``run.json``.
 
-When a run is resumed, the policy's declaration is compared with the manifest. Another checkpoint at the same address
-would mix two policies in one run. Other entries are not compared, because a run may be resumed on another machine.
+When a run is resumed, the description of the policy is compared with the one in the manifest, because with a different
+checkpoint at the same address, one run would contain two policies. Other entries are not compared, since a run may be
+resumed on another machine.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from betterbench.tasks.user_files import loaded_files
 
 
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the context of a new run.
+    """Return the manifest of a new run, which describes the circumstances in which the run was started.
 
-    ``policy`` is the policy's declaration, from :func:`describe_policy`. ``engine`` contains "name", "workers", "envs"
-    and, if a warm-up chooses the number of environments, "most_envs".
+    ``policy`` is the description of the policy from :func:`describe_policy`. ``engine`` has the keys "name", "workers"
+    and "envs" and, if a warm-up determines the number of environments, the key "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}
@@ -51,12 +52,12 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "conventions": run_conventions(plan),
         "policy": dict(policy),
     }
-    plain: dict[str, Any] = json.loads(dump_json(context))  # tuples become lists, as in the file
+    plain: dict[str, Any] = json.loads(dump_json(context))  # converts tuples to lists, as they are in the file
     return plain
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return all conventions of a run, both those of the plan and the fixed ones."""
+    """Return all conventions of a run: those that the plan determines, and those that are the same for all runs."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -65,7 +66,7 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first known difference between a policy's declaration and the one stored in a run, or None."""
+    """Return the first difference between a policy's description and the one stored in a run, or None if they agree."""
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
@@ -78,19 +79,22 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the policy's declaration has not changed since the start of the run, and record an allowed change.
+    """Check that a policy's description is the same as the one stored in the run.
+
+    If it is different and ``allow_changed`` is True, store the change in the run.
 
     Raises:
-        RunConflictError: If the declaration has changed and ``allow_changed`` is False; the message has both values.
+        RunConflictError: If the description has changed and ``allow_changed`` is False. The message quotes the old and
+            the new value.
     """
     difference = policy_difference(run, policy)
     if difference is None:
         return run
     if not allow_changed:
         raise RunConflictError(
-            f"{run.path}: the policy at {policy.get('address')} is not the policy of this run: "
-            f"{difference}. Start the original policy, choose another folder, or give --allow-changed-policy to "
-            "continue with both in one run."
+            f"{run.path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. "
+            "Start the original policy, choose another folder, or use --allow-changed-policy to continue "
+            "with both policies in one run."
         )
     entry = {
         "at_utc": _now(),

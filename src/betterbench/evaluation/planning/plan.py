@@ -1,4 +1,4 @@
-"""Plan of a run: trials and conventions, written before the first trial starts."""
+"""Plan of a run, which contains the trials and the conventions. It is written before the first trial starts."""
 
 from __future__ import annotations
 
@@ -24,20 +24,26 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Maximum number of trials per variation, with which the full suite has 1.2 million trials and takes weeks."""
+"""Largest allowed number of trials per variation. With it, the full suite has 1.2 million trials, which take weeks."""
 
 MAX_SEED = 2**31 - 1
-"""Largest first seed. Clients and servers of other protocols store seeds in 32 bits."""
+"""Largest allowed first seed, since clients and servers of other protocols store seeds in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Policy, trials and settings of a run. A run can only be resumed with the same plan.
+    """Policy, trials and settings of a run. A run can be resumed only with the same plan.
 
     Attributes:
-        trials: Trials to run. With ``until_decided``, this is the largest possible set of trials.
-        until_decided: Rule that decides when a variation gets no more trials, or None to run all trials.
-        world: The world in which the trials are run.
+        policy: Address of the policy.
+        trials: Trials to run. If ``until_decided`` is given, these are all trials that may be needed.
+        action_space: Name of the action space.
+        observation: Name of the observation preset.
+        quality: Name of the rendering preset.
+        robot: Name of the robot.
+        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
+        until_decided: Rule that decides when a variation needs no more trials. With None, all trials are run.
+        world: Benchmark in whose simulator the trials are run: betterbench, LIBERO or CALVIN.
     """
 
     policy: str
@@ -51,7 +57,11 @@ class Plan:
     world: World = OWN_WORLD
 
     def __post_init__(self) -> None:
-        """Check the robot of each task and, with ``until_decided``, that each variation has its twin with all seeds."""
+        """Check that each task is made for the robot.
+
+        If ``until_decided`` is given, check that no training twin is missing. The training twin of a variation's trial
+        is the trial of the training condition with the same seed.
+        """
         self._require_robot()
         if self.until_decided is None:
             return
@@ -63,11 +73,16 @@ class Plan:
         if not varied or not wanted <= planned:
             what = "a variation" if not varied else str(min(wanted - planned, key=str))
             raise InvalidInputError(
-                "trials", f"{what} is missing, but --until-decided needs the twin of every trial", "Plan the run again"
+                "trials",
+                f"{what} is missing, but --until-decided needs the training twin of every trial",
+                "Plan the run again",
             )
 
     def _require_robot(self) -> None:
-        """Check that every task of our own world is laid out for the robot of the plan."""
+        """Check that each task in betterbench's own simulator is made for the robot of the plan.
+
+        Tasks of other benchmarks are not checked.
+        """
         if self.world.name != OWN_WORLD.name:
             return
         for name in dict.fromkeys(t.task for t in self.trials):
@@ -75,11 +90,11 @@ class Plan:
             if needed != self.robot:
                 problem = f"{name} is laid out for robot {needed!r}, but the run uses {self.robot!r}"
                 raise InvalidInputError(
-                    "robot", problem, f"Run it with --robot {needed}, separately from tasks for other robots"
+                    "robot", problem, f"Run this task with --robot {needed}, separately from tasks for other robots"
                 )
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, with all versions and conventions that affect results."""
+        """Return the plan as a JSON-serializable dict, with all versions and conventions that affect results."""
         tasks = sorted({t.task for t in self.trials})
         return {
             "plan_version": PLAN_VERSION,
@@ -97,7 +112,7 @@ class Plan:
 
     @property
     def scene_options(self) -> SceneOptions:
-        """Scene options (quality, robot, looks) supported only by some worlds."""
+        """Settings of the scenes (quality, robot, looks). Benchmarks other than betterbench may not have them."""
         return SceneOptions(self.quality, self.robot, self.looks)
 
 
@@ -115,21 +130,21 @@ def make_plan(
     until_decided: bool = False,
     robot: str | None = None,
 ) -> Plan:
-    """Return the plan for a run of the named tasks, by default all of better60.
+    """Return the plan for a run of the named tasks. By default, it covers all tasks of the suite better60.
 
-    Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
-    trials in total as the variations, evenly distributed, including the variations' twins. The trials of a plan for
-    some variations ("L1", "fast_food/T1") are also in the plan for all variations, so both plans share a certificate.
-    The default ``action_space`` is the robot's usual one. With ``looks`` "unseen", objects and rooms have an appearance
-    that does not occur in demonstrations.
+    Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get as
+    many trials as its variations do. These trials are evenly distributed over the training conditions. They include the
+    training twins, i.e. the training trials with the same seeds as the variations' trials. A plan for some variations
+    ("L1", "fast_food/T1") contains only trials that are also in the plan for all variations, so one certificate covers
+    both plans.
 
-    The default robot is the one for which the first task is laid out.
-
-    With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
-    run.
+    The default robot is the one for which the first task is made, and the default action space is the standard one of
+    the robot. If ``looks`` is "unseen", objects and rooms have an appearance that does not occur in demonstrations. If
+    ``until_decided`` is given, ``trials`` is the maximum number per variation, and the only trials of training
+    conditions are the training twins.
 
     Raises:
-        InvalidInputError: If a number is out of range or no trial is left to run.
+        InvalidInputError: If a number is out of range, or there is no trial to run.
         UnknownNameError: If a name is unknown.
     """
     require_between("--trials", trials, 1, MAX_TRIALS)
@@ -137,7 +152,7 @@ def make_plan(
     rule = StoppingRule() if until_decided else None
     if rule is not None and trials < rule.first:
         problem = f"{trials} are too few for a verdict with --until-decided"
-        raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or leave out --until-decided")
+        raise InvalidInputError("--trials", problem, f"Use {rule.first} or more trials, or omit --until-decided")
     observation_spec(observation)
     quality_preset(quality)
     shown = looks_named(looks)
@@ -149,7 +164,10 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the id of a trial after checking its names. The default condition is the first training condition."""
+    """Return the ID of a trial after checking that its task and condition exist.
+
+    By default, the condition is the first training condition of the task.
+    """
     require_between("--seed", seed, 0, MAX_SEED)
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)
     resolve_condition(trial.task, trial.condition)
@@ -157,7 +175,7 @@ def named_trial(task: str, condition: str | None = None, seed: int = 0) -> Trial
 
 
 def plan_extent(plan: Plan) -> tuple[int, int]:
-    """Return the first seed and the number of trials per variation of a plan."""
+    """Return the first seed of a plan and its number of trials per variation."""
     seeds = [t.seed for t in plan.trials]
     counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
     return min(seeds), max(counts.values(), default=len(set(seeds)))

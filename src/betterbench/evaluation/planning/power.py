@@ -1,4 +1,4 @@
-"""Statistical power of a plan: the smallest differences that its trials can detect."""
+"""Statistical power of a plan: the smallest differences in success that its trials can detect."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
-"""Assumed fraction of pairs that differ in the opposite direction, for the second number of :func:`what_trials_show`.
+"""Fraction of pairs that are assumed to differ in the opposite direction, for the second number that
+:func:`what_trials_show` gives.
 
-The first number assumes that one policy fails only on trials on which the other also fails. Usually, each policy fails
-on some trials on which the other succeeds.
-
-The first number assumes that one policy only fails on trials on which the other fails as well. Usually, each policy
-fails on some trials on which the other succeeds.
+For the first number, one policy fails only in trials in which the other policy fails as well. Usually, however, each
+policy fails in some trials in which the other succeeds.
 """
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return sentences about the drops that the trials of a plan can detect, overall, per axis and per variation."""
+    """Return sentences that say how large a drop in success must be for a plan to detect it.
+
+    There are values for all trials together, per axis, and per variation.
+    """
     varied = [t for t in plan.trials if t.variation is not None and not t.ambiguous]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
@@ -55,7 +56,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a sentence about the smallest overall drop that the trials of a plan can detect."""
+    """Return a sentence that states the smallest overall drop in success that the trials of a plan can detect."""
     pairs = sum(t.variation is not None and not t.ambiguous for t in plan.trials)
     if not pairs:
         return "No trial tests a variation: the trials only show how well the training conditions were learned."
@@ -78,9 +79,9 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest detectable differences in points, for the largest and the smallest number of pairs.
+    """Return the smallest differences that can be detected with the largest and the smallest number of pairs, as text.
 
-    The result is an empty string if no difference can be detected.
+    The text gives percentage points. It is empty if no difference can be detected.
     """
     values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
     return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

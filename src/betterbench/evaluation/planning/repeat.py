@@ -1,4 +1,4 @@
-"""Repetition of a run from its ``run.json``, after a check for differences that would change results."""
+"""Repetition of a run from its ``run.json``. Before that, differences that would change the results are reported."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Fields of a plan that are not compared. The first two are copied to the new plan, and the last does not affect
-results.
+"""Fields of a plan that are not compared.
+
+The first two are copied to the new plan, and the last does not affect results.
 """
 
 
@@ -37,7 +38,10 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Fields read from the plan in ``run.json``. All other fields are compared with the new plan."""
+    """Fields that are read from the plan in ``run.json``.
+
+    The other fields of the stored plan are only compared with those of the new plan.
+    """
 
     policy: str
     trials: tuple[Trial, ...]
@@ -52,10 +56,12 @@ class _Plan:
         seen: set[TrialId] = set()
         for number, trial in enumerate(self.trials):
             if trial.id in seen:
-                raise InvalidInputError(f"trials[{number}]", "is planned twice", "Remove one of the two")
+                raise InvalidInputError(
+                    f"trials[{number}]", "this trial is planned twice", "Remove one of its two entries"
+                )
             seen.add(trial.id)
         if not seen:
-            raise InvalidInputError("trials", "is empty", "Restore the file")
+            raise InvalidInputError("trials", "the list is empty", "Restore the original file run.json")
 
 
 _PLAN = TypeAdapter(_Plan)
@@ -64,21 +70,22 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat it with the same or another policy.
+    """Return the plan of an earlier run, to repeat the run with the same policy or with a different one.
 
-    ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
+    ``path`` is the folder of the run or its file ``run.json``. If ``trust`` is True, a policy named in the run is
+    accepted even if it runs code or sends a secret key.
 
     Raises:
-        InvalidInputError: If the run's own policy would run code or send a key, unless ``trust`` is True.
-        RecordError: If the file is not the ``run.json`` of a run, or its plan is malformed.
-        RunConflictError: If versions or conventions that affect results differ, unless this is allowed.
-        UnknownNameError: If a task, condition, preset or action space is unknown here.
+        InvalidInputError: If the policy named in the run would run code or send a secret key, and ``trust`` is False.
+        RecordError: If the file is not the ``run.json`` of a run, or the plan in it is malformed.
+        RunConflictError: If versions or conventions that affect results differ, unless other versions are allowed.
+        UnknownNameError: If a task, condition, preset or action space does not exist in this installation.
     """
     run = _open(path)
     where = run.path / "run.json"
     if not run.world.measured:
-        problem = f"{where} is a run in {run.world.title}, and only runs in betterbench's own world can be repeated"
-        raise InvalidInputError("--from", problem, "Give --suite and the other options of that run instead")
+        problem = f"{where} is a run in {run.world.title}, but only runs in betterbench's own world can be repeated"
+        raise InvalidInputError("--from", problem, "Use --suite and the other options of that run instead")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
         require_trust(stored.policy, where=str(where))
@@ -98,19 +105,22 @@ def repeated_plan(
     if differences and not allow_other_versions:
         raise RunConflictError(
             f"{where}: results would differ from the original run, because {'; '.join(differences)}. "
-            "Install the versions of the original run, or give --allow-other-versions and treat the results as a "
+            "Install the versions of the original run, or use --allow-other-versions and treat the results as a "
             "separate run."
         )
     return plan
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Raise RunConflictError, with both values, if a policy's declaration differs from the run at a path."""
+    """Raise RunConflictError if the policy is described differently in the run at the given path.
+
+    The message quotes the stored and the current value.
+    """
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(
             f"{path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. Start "
-            "the original policy again, or give --allow-changed-policy and treat the results as a different policy."
+            "the original policy again, or use --allow-changed-policy and treat the results as a different policy."
         )
 
 
@@ -119,9 +129,9 @@ def _open(path: Path) -> RunFolder:
 
 
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
-    """Yield the differences between a stored and a new plan that affect results, with both values.
+    """Yield the differences between a stored plan and a new plan that would change the results, each with both values.
 
-    A stored plan without a robot used the Panda.
+    Stored plans without the name of a robot are from a time when the Panda was the only robot.
     """
     there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))

@@ -1,4 +1,4 @@
-"""Order of the trials in a plan: all at once, or in rounds until every variation is decided."""
+"""Order in which the trials of a plan are run: all at once, or in rounds until each variation has a certain verdict."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Schedule of the trials in a plan. It depends only on the plan and the outcomes so far.
+    """Order in which the trials of a plan are run. It depends only on the plan and on the outcomes so far.
 
     Attributes:
-        plan: The plan.
+        plan: Plan of the run.
     """
 
     def __init__(self, plan: Plan, *, is_done: Callable[[TrialId], bool], succeeded: Callable[[TrialId], bool]) -> None:
-        """Initialize the schedule.
+        """Create the schedule.
 
         Args:
-            plan: The plan.
-            is_done: Function that returns whether a trial is finished. Broken trials are not finished.
+            plan: Plan of the run.
+            is_done: Function that returns whether a trial is finished. A trial that ended with an error is not
+                finished.
             succeeded: Function that returns whether a finished trial succeeded. It is called once per trial.
         """
         self.plan, self._is_done, self._succeeded = plan, is_done, succeeded
@@ -35,11 +36,11 @@ class Schedule:
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
         self._decisions: Decisions | None = None
-        self._waiting: list[TrialId] = []  # trials of the current round that were unfinished at the last query
+        self._waiting: list[TrialId] = []  # trials of the current round that were not finished when last asked
 
     @property
     def decisions(self) -> Decisions | None:
-        """Decisions after the last complete round, or None for a plan that runs all trials."""
+        """Verdicts on the variations after the last complete round, or None for a plan that runs all trials."""
         if self.plan.until_decided is None:
             return None
         while self._waiting and self._is_done(self._waiting[-1]):
@@ -52,10 +53,11 @@ class Schedule:
         return replace(self._decisions, waiting=waiting)
 
     def rounds(self) -> Iterator[list[Trial]]:
-        """Yield the unfinished trials of each round.
+        """Yield the trials of each round that are not finished.
 
-        Request the next round only after all trials of the previous round have ended. A trial without a record ends the
-        schedule. The same command repeats this trial and continues.
+        The next round must be requested only after all trials of the previous round have ended. The schedule stops
+        after a round in which a trial left no record. Running the same command again repeats this trial and then
+        continues.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

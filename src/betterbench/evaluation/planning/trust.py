@@ -1,4 +1,4 @@
-"""Risks of evaluating a policy whose address comes from a file."""
+"""Risks of evaluating a policy whose address comes from a file written by someone else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _VARIABLE = "_env"  # suffix of all options whose value is the name of an enviro
 
 
 def risks_of(address: str) -> tuple[str, ...]:
-    """Return the risks of evaluating a policy that need the user's consent: running code and sending a secret."""
+    """Return the risks to which the user must agree before a policy is evaluated: it runs code or sends a secret."""
     found = []
     kind = find_kind(address)
     head, _, query = address.partition("?")
@@ -26,17 +26,17 @@ def risks_of(address: str) -> tuple[str, ...]:
 
 
 def require_trust(address: str, *, where: str) -> None:
-    """Check that evaluating a policy whose address comes from a file neither runs code nor sends a secret.
+    """Raise an error if evaluating a policy, whose address comes from a file, would run code or send a secret.
 
-    ``where`` is the file, for the error.
+    ``where`` is the name of the file, which the error message contains.
 
     Raises:
-        InvalidInputError: If the policy runs code or sends a secret; the message names the risk.
+        InvalidInputError: If the policy runs code or sends a secret. The message names the risk.
     """
     risks = risks_of(address)
     if risks:
         raise InvalidInputError(
             where,
-            f"its policy {one_line(address)} {' and '.join(risks)}",
-            "Give --trust if you trust the author of this file, or --policy to evaluate another policy",
+            f"the policy {one_line(address)} {' and '.join(risks)}",
+            "Use --trust if you trust the author of this file, or --policy to evaluate another policy",
         )

@@ -1,4 +1,4 @@
-"""Plan for a suite of any world, from the task descriptions of the world."""
+"""Plan of a run for a suite of any benchmark, such as LIBERO. The benchmark itself lists the tasks of the suite."""
 
 from __future__ import annotations
 
@@ -23,25 +23,27 @@ def make_world_plan(
     observation: str = "default",
     **options: Any,  # noqa: ANN401 - those of the world
 ) -> Plan:
-    """Return a suite's plan, with the tasks listed by its world.
+    """Return the plan of a run for a suite of any benchmark.
+
+    The benchmark (called "world" here) lists the suite's tasks.
 
     Args:
-        policy: Policy address.
-        suite: Suite name.
-        tasks: Tasks to run, by default all.
-        trials: Number of trials in the unit of the world (trials per variation, initial states, chains). If None, the
-            world's usual number is used.
-        seed: The first seed, initial state or chain.
-        action_space: Action space of the policy. If None, it is taken from the policy's address, or else it is the
-            usual one of the world.
-        observation: Observation preset; "default" is the world's usual preset.
-        options: World options (``World.options``).
+        policy: Address of the policy.
+        suite: Name of the suite.
+        tasks: Tasks to run. By default, all tasks of the suite.
+        trials: Number of trials, in the unit of the benchmark (trials per variation, initial states, or chains of
+            subtasks). None selects the benchmark's standard number.
+        seed: First seed, or index of the first initial state or chain.
+        action_space: Action space of the policy. None selects the one that the policy address declares, or else the
+            standard one of the benchmark.
+        observation: Name of an observation preset. "default" selects the standard preset of the benchmark.
+        options: Options of the benchmark (``World.options``).
 
     Raises:
-        InvalidInputError: If a number is out of range, or the policy cannot be run in this world.
+        InvalidInputError: If a number is out of range, or the policy cannot act in this benchmark.
         UnknownNameError: If a name is unknown.
-        MissingDependencyError: If the world is not installed.
-        WorldError: If the world does not answer.
+        MissingDependencyError: If the benchmark is not installed.
+        WorldError: If the simulator of the benchmark does not respond.
     """
     world = world_of_suite(suite)
     title = world.facts.title
@@ -55,7 +57,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space of a run in a world, which is the requested one, or that of the policy."""
+    """Return the action space for a run in a benchmark: the requested one or, if none was requested, the policy's."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)

@@ -1,1 +1,1 @@
-"""Preflight check of a policy: conventions, inputs, actions and latency."""
+"""Preflight check of a policy before a run: its conventions, inputs, actions and latency."""

@@ -1,4 +1,4 @@
-"""Preflight check: handshake with a policy, one observation, and first replies."""
+"""Preflight check of a policy: the handshake, one observation, and the policy's first replies."""
 
 from __future__ import annotations
 
@@ -36,12 +36,15 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 REQUESTS = 5
-"""Number of timed requests after the first one."""
+"""Number of requests whose latency is measured, after the first request."""
 
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """Convention as declared by betterbench and by the policy; empty if undeclared."""
+    """Value of one convention, as betterbench declares it and as the policy declares it.
+
+    A value is empty if that side does not declare it.
+    """
 
     name: str
     ours: str
@@ -49,13 +52,13 @@ class Convention:
 
     @property
     def differs(self) -> bool:
-        """Whether both sides declare a value and the values differ."""
+        """Whether betterbench and the policy both declare a value, and these values differ."""
         return bool(self.ours and self.theirs) and self.ours != self.theirs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """Image sent to the policy, (height, width, 3) uint8, with its key and a note on its conversion."""
+    """Image exactly as the policy receives it, (height, width, 3) uint8, with its key and a note on the conversion."""
 
     key: str
     image: np.ndarray
@@ -67,16 +70,19 @@ class PreflightCheck:
     """Result of a preflight check.
 
     Attributes:
+        policy: Address of the policy.
         trial: Trial whose first observation was sent to the policy.
-        conventions: Conventions of both sides.
-        adapter: Adapter of the policy, or None if the observation is sent unchanged.
-        shown: Images as sent to the policy.
+        quality: Name of the rendering preset.
+        info: Description of the policy.
+        conventions: Conventions, as betterbench and the policy declare them.
+        adapter: Adapter that converts observations for the policy, or None if they are sent unchanged.
+        shown: Images as they are sent to the policy.
         state: State inputs of the policy, by key.
-        prompt: Instruction as sent to the policy.
-        actions: (horizon, dim) first reply, in the action space of ``info``.
+        prompt: Instruction as it is sent to the policy.
+        actions: Actions in the first reply, (horizon, dim), in the action space that ``info`` names.
         first_s: Latency of the first request [s].
         latencies_s: Latencies of the later requests [s].
-        proof: Result of a replayed demonstration, or None if none was replayed.
+        proof: Result of comparing the policy with a demonstration, or None without such a comparison.
         robot: Name of the robot.
     """
 
@@ -97,21 +103,21 @@ class PreflightCheck:
 
     @property
     def p50_s(self) -> float:
-        """Median time of a request [s]."""
+        """Median latency of the requests after the first one [s]."""
         return float(np.median(self.latencies_s))
 
     @property
     def max_s(self) -> float:
-        """Maximum latency after the first request [s]."""
+        """Largest latency of the requests after the first one [s]."""
         return max(self.latencies_s)
 
     @property
     def clipped(self) -> int:
-        """Number of actions in the first reply that a run would clip."""
+        """Number of actions in the first reply that would be clipped in a run."""
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, with the sizes of images."""
+        """Return the result as a JSON-serializable dict. Images are replaced by their sizes."""
         return {
             "policy": self.policy,
             "trial": asdict(self.trial),
@@ -150,22 +156,23 @@ def run_preflight(
     robot: str = USUAL_ROBOT,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Request actions of a policy at the start of a trial, with the presets of a planned run.
+    """Request actions from a policy at the start of a trial, with the settings of a planned run.
 
-    By default, the action space is that of the policy, or that of the robot for a policy that supports all action
-    spaces. With ``proof``, the observations of a demonstration are sent to a policy that uses observations
-    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the conventions of both sides
-    before they are compared.
+    By default, the policy's action space is used, or the robot's standard one if the policy supports all action spaces.
+    If ``proof`` is True, a policy that uses observations also gets the observations of a demonstration
+    (:mod:`betterbench.evaluation.preflight.proof`). Before the conventions of betterbench and the policy are compared,
+    ``on_conventions`` is called with them.
 
     Raises:
-        BetterError: If the policy does not answer, its conventions differ from the run's, or its actions are invalid.
+        BetterError: If the policy does not answer, if its conventions differ from those of the run, or if its actions
+            are invalid.
     """
     needs = needs_of(policy)
     if needs.trial:
         raise InvalidInputError(
             f"policy {policy}",
             "a replay policy only repeats recorded actions",
-            "Inspect the replayed run with better report",
+            "Inspect the run that it replays with better report",
         )
     found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
@@ -229,7 +236,10 @@ def run_preflight(
 def _first_question(
     policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
 ) -> tuple[Observation | None, Callable[[], np.ndarray]]:
-    """Begin the episode. Returns the observation (None for a privileged policy) and a function for requests."""
+    """Begin the episode. Return its first observation and a function that requests actions.
+
+    The observation is None for a privileged policy.
+    """
     state = scene.reset()
     if client is None:
         privileged = make_privileged(policy, scene)
@@ -249,7 +259,10 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Return the first reply, (horizon, dim), its latency, and the latencies of later replies [s]."""
+    """Send several requests.
+
+    Return the first reply (horizon, dim), its latency, and the latencies of later replies [s].
+    """
     answers, times = [], []
     for _ in range(1 + REQUESTS):
         began = time.perf_counter()
@@ -263,8 +276,8 @@ def _ask_often(
         if ahead >= len(chunk):
             raise InvalidInputError(
                 "ahead",
-                f"the next chunk is requested {ahead} steps before the end, but a chunk has {len(chunk)} actions",
-                "Give a smaller ahead=",
+                f"ahead={ahead} is too large, because a chunk has {len(chunk)} actions",
+                "Use a smaller value of ahead",
             )
     return chunks[0], times[0], tuple(times[1:])
 
@@ -272,7 +285,7 @@ def _ask_often(
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return our conventions and those of the policy. ``client`` is None for a privileged policy."""
+    """Return the conventions of betterbench and of the policy. ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)
@@ -293,7 +306,7 @@ def _adapter_of(client: Policy | None) -> Adapter | None:
 
 
 def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]:
-    """Return the images as sent to the policy."""
+    """Return the images in the form in which they are sent to the policy."""
     if adapter is None:
         return tuple(ShownImage(name, np.asarray(p), _note(name, p, None)) for name, p in seen.images.items())
     rules = {
@@ -308,7 +321,7 @@ def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Describe the source and the conversions of an image."""
+    """Describe where an image comes from and how it was converted."""
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:

@@ -1,11 +1,11 @@
 """Replay proof: a policy gets the observations of a demonstration, and its actions are compared with the demonstration.
 
-The path commanded by the policy's actions is compared with the path of the demonstration, axis by axis. If the actions
-are interpreted with wrong units, frame or sign, the path is scaled, rotated or mirrored. The factor of each axis shows
-this. The actions are also executed in a separate scene, to measure the distance between the final end-effector position
-and the end of the demonstration.
+For each axis, the path that the policy's actions command is compared with the path of the demonstration. If the actions
+are interpreted with wrong units, in a wrong frame or with a wrong sign, the path is scaled, rotated or mirrored, which
+can be seen from the ratio of the two paths along each axis. The actions are also executed in a separate scene. The
+distance between the end effector's final position and that of the demonstration is then measured.
 
-Paths consist of commanded poses, which the arm follows with a delay of a few control steps.
+The paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """
 
 from __future__ import annotations
@@ -30,22 +30,29 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MAX_REQUESTS = 100
-"""Maximum number of requests of a proof. It is enough for a demonstration in chunks of five actions, or for the path to
-the first object with single actions.
+"""Maximum number of requests in a replay proof.
+
+It is enough for a whole demonstration in chunks of five actions, or for the path to the first object with single
+actions.
 """
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
-"""Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
+"""Smallest extent of a demonstration along an axis for which the ratio of the two paths is computed [m, rad]."""
 
 FOLLOWS = 0.7
-"""Minimum agreement on each axis for a policy that follows the demonstration, as the cosine between the steps of both.
+"""Smallest agreement on each axis for which a policy counts as following the demonstration.
+
+The agreement is the cosine between the steps of both.
 """
 
 PROVEN = 0.02
-"""Maximum deviation of a factor from 1 for which the conventions of the axis count as proven."""
+"""Largest deviation of the ratio from 1 for which the conventions of an axis count as proven."""
 
 WRONG = 1.5
-"""Factor above which, or below the inverse of which, the conventions of an axis count as wrong."""
+"""Ratio of the two paths above which the conventions of an axis count as wrong.
+
+The same holds below the inverse of this ratio.
+"""
 
 _IDLE_STEPS = 40
 
@@ -55,13 +62,14 @@ class AxisProof:
     """Comparison of a policy with the demonstration along one axis.
 
     Attributes:
-        name: "x", "y", "z", or a rotation "rx", "ry", "rz" in the base frame, or a joint.
-        unit: "m" or "rad".
-        range: Range of the demonstration's path.
-        factor: Slope of the policy's path relative to that of the demonstration, 1 if equal; None if the demonstration
-            hardly moves.
-        agreement: Cosine between the steps of both, from -1 to 1; None if either does not move.
-        apart: Maximum distance between the two paths.
+        name: Position "x", "y" or "z", rotation "rx", "ry" or "rz" in the base frame, or name of a joint.
+        unit: Unit of the axis, "m" or "rad".
+        range: Extent of the demonstration's path along the axis.
+        factor: Slope of a line fitted to the policy's path as a function of the demonstration's path. It is 1 if the
+            paths are equal, and None if the demonstration hardly moves.
+        agreement: Cosine similarity between the steps of the two paths, from -1 to 1. None if one of the paths does not
+            move.
+        apart: Largest distance between the two paths.
     """
 
     name: str
@@ -74,13 +82,15 @@ class AxisProof:
 
 @dataclass(frozen=True, slots=True)
 class ReplayProof:
-    """Result of a replay proof.
+    """Result of a replay proof, in which a policy gets the observations of a demonstration.
 
     Attributes:
-        steps: Number of replayed control steps of the demonstration.
-        requests: Number of requests.
-        gripper: Fraction of the steps with the same gripper command.
-        executed_off_m: Distance between the end effector after all actions and the end of the demonstration [m].
+        steps: Number of control steps of the demonstration that were replayed.
+        requests: Number of requests sent to the policy.
+        axes: Comparison of the policy with the demonstration along each axis.
+        gripper: Fraction of the steps in which the policy and the demonstration gave the same gripper command.
+        executed_off_m: Distance between the end effector's final positions after the policy's actions and in the
+            demonstration [m].
     """
 
     steps: int
@@ -96,18 +106,18 @@ class ReplayProof:
 
     @property
     def follows(self) -> bool:
-        """Whether the policy follows the demonstration along each axis, except for sign and scale."""
+        """Whether the policy follows the demonstration along each axis, apart from the sign and the scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
     def is_proven(self) -> bool:
-        """Whether every axis and the gripper agree with the demonstration."""
+        """Whether the policy agrees with the demonstration on every axis and in the gripper commands."""
         factors = [axis.factor for axis in self.moved if axis.factor is not None]
         return self.follows and all(abs(f - 1.0) <= PROVEN for f in factors) and self.gripper >= 1.0 - PROVEN
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """The axes (and "gripper") whose conventions differ from the demonstration's."""
+        """Names of the axes (and "gripper") on which the policy's conventions differ from the demonstration's."""
         if not self.follows:
             return ()
         names = [axis.name for axis in self.moved if not 1.0 / WRONG < (axis.factor or 0.0) < WRONG]
@@ -115,7 +125,7 @@ class ReplayProof:
 
     @property
     def verdict(self) -> str:
-        """Sentence about the result, with a suggestion if conventions are wrong."""
+        """Sentence that states the result, with a suggestion if conventions are wrong."""
         if not self.follows:
             return "inconclusive: the policy does not follow the demonstration"
         if self.is_proven:
@@ -134,10 +144,10 @@ class ReplayProof:
                     return cure
         if self.wrong == ("gripper",):
             return "Its polarity is reversed: give gripper=open_positive, or the convention of the policy."
-        return "Give another preset, or correct action_space, units, frame, rotation or gripper."
+        return "Choose another preset, or correct action_space, units, frame, rotation or gripper."
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the result as a JSON-serializable dict."""
         return {
             **asdict(self),
             "follows": self.follows,
@@ -149,13 +159,13 @@ class ReplayProof:
 
 _KNOWN = (
     (4.0, "A checkpoint trained on LIBERO moves 0.0125 m per unit: give units=libero_measured, or its suite's preset."),
-    (0.25, "The policy moves 0.05 m per unit, as our demonstrations do: give units=libero."),
+    (0.25, "The policy moves 0.05 m per unit, as betterbench's demonstrations do: give units=libero."),
     (20.0, "The policy's unit is 0.05 m instead of 1 m: give units=libero."),
     (80.0, "The policy's unit is 0.0125 m instead of 1 m: give units=libero_measured."),
     (0.05, "The policy answers in meters: give units=physical."),
     (0.0125, "The policy answers in meters: give units=physical."),
 )
-"""Known factors of the translation, with remedies."""
+"""Ratios of translation that have a known reason, each with a remedy."""
 
 
 def prove_by_replay(
@@ -168,15 +178,15 @@ def prove_by_replay(
     quality: Quality,
     robot: str = USUAL_ROBOT,
 ) -> ReplayProof:
-    """Send the observations of the expert's demonstration of a trial to a policy, and compare the resulting path.
+    """Send a policy the observations of an expert's demonstration, and compare the policy's path with the expert's.
 
     Args:
-        client: Policy at the beginning of an episode.
-        info: Declarations of the policy.
-        trial: The trial of the demonstration.
-        space: The policy's action space.
-        spec: Images for the policy.
-        quality: Render quality of the images.
+        client: Policy for which an episode has just begun.
+        info: Description of the policy.
+        trial: Trial that the expert demonstrates.
+        space: Action space of the policy.
+        spec: Specification of the images that the policy gets.
+        quality: Rendering quality of the images.
         robot: Name of the robot.
 
     Raises:
@@ -224,7 +234,7 @@ def prove_by_replay(
 
 
 def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
-    """Return a policy's answer, (horizon, dim); raise InvalidActionError or PolicyError if it is invalid."""
+    """Return a policy's answer (horizon, dim). Raises InvalidActionError or PolicyError if it is invalid."""
     with POLICY_BOUNDARY:
         answer = np.asarray(client.act(seen))
     chunk = checked_chunk(answer, space)
@@ -235,14 +245,14 @@ def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """Commanded and measured state at a control step."""
+    """Commanded state and measured state of the robot at a control step."""
 
     commanded: ControllerState
     state: WorldState
 
 
 class _Demonstration:
-    """Episode of the expert, executed step by step until the arm is at rest."""
+    """Episode of the expert, which is executed step by step until the arm is at rest."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -250,18 +260,18 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
-        self._last = np.zeros(scene.action_space.dim)  # neutral for deltas; absolute actions differ from it
+        self._last = np.zeros(scene.action_space.dim)  # right for deltas; absolute actions differ from it at first
 
     def is_over(self) -> bool:
-        """Whether the expert has come to rest, or the trial has ended."""
+        """Return whether the expert has come to rest or the trial has ended."""
         return self._idle >= _IDLE_STEPS or self.state.step >= self._limit
 
     def moment(self) -> _Moment:
-        """Return the commanded and the measured state of this step."""
+        """Return the commanded and the measured state at the current step."""
         return _Moment(self.scene.controller.state(), self.state)
 
     def step(self) -> float:
-        """Execute the expert's next action and return its gripper command."""
+        """Execute the expert's next action. Return the gripper command."""
         space = self.scene.action_space
         action = self.scene.step(np.asarray(self._expert.act_on_state(self.state)))
         self.state = self.scene.state()
@@ -272,7 +282,7 @@ class _Demonstration:
 
 
 class _Paths:
-    """Paths of the demonstration and of the policy's actions, sampled at the end of each action chunk."""
+    """Path of the demonstration and path of the policy. Both are stored at the end of each action chunk."""
 
     units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
     names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
@@ -284,15 +294,18 @@ class _Paths:
         self._marked = [self._now.copy()]
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
-        """Add a control step, given by the policy's action and the demonstration's states before and after the step."""
+        """Add a control step to both paths.
+
+        The step consists of the policy's action and the demonstration's states before and after it.
+        """
         raise NotImplementedError
 
     def mark(self) -> None:
-        """Store the current points of both paths."""
+        """Store the points that the two paths have reached so far."""
         self._marked.append(self._now.copy())
 
     def compare(self) -> tuple[AxisProof, ...]:
-        """Return the comparison of the paths along each axis."""
+        """Compare the two paths along each axis."""
         demonstrated, answered = np.array(self._marked).transpose(1, 2, 0)
         return tuple(
             _compare(name, unit, d, a)
@@ -301,7 +314,7 @@ class _Paths:
 
 
 class _DeltaPaths(_Paths):
-    """Accumulated steps of the end effector."""
+    """Paths for delta actions, as the sum of the end effector's steps."""
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         measured = self._space.name == EE_DELTA_MEASURED.name
@@ -313,7 +326,7 @@ class _DeltaPaths(_Paths):
 
 
 class _PosePaths(_Paths):
-    """Poses of the end effector, relative to the demonstration's first pose."""
+    """Paths for absolute poses of the end effector, relative to the first pose of the demonstration."""
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         start, end = before.commanded.pose, after.commanded.pose
@@ -325,7 +338,7 @@ class _PosePaths(_Paths):
 
 
 class _JointPaths(_Paths):
-    """Joint angles, relative to the demonstration's first angles."""
+    """Paths for joint actions, as joint angles relative to the first angles of the demonstration."""
 
     def __init__(self, space: ActionSpace) -> None:
         self.names, self.units = space.components[:-1], space.units[:-1]
@@ -344,12 +357,12 @@ _PATHS: dict[str, type[_Paths]] = {"ee_delta": _DeltaPaths, "ee_delta_measured":
 
 
 def _turn(start: Quaternion, end: Quaternion) -> np.ndarray:
-    """Return the rotation vector from one rotation to another in the base frame, (3,) [rad]."""
+    """Return the rotation vector (3,) [rad], in the base frame, of the rotation from ``start`` to ``end``."""
     return np.array(to_axis_angle(turn_between(start, end)))
 
 
 def _compare(name: str, unit: str, demonstrated: np.ndarray, answered: np.ndarray) -> AxisProof:
-    """Return the comparison of two paths along one axis, each (n,)."""
+    """Compare two paths along one axis. Each path is an (n,) array."""
     spread = float(np.ptp(demonstrated))
     steps, answers = np.diff(demonstrated), np.diff(answered)
     lengths = float(np.linalg.norm(steps) * np.linalg.norm(answers))

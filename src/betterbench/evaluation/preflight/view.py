@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: inputs of the policy, and path of its first reply in the scene."""
+"""Content of a preflight sheet, which shows the policy's inputs and the path that its first reply commands."""
 
 from __future__ import annotations
 
@@ -15,23 +15,27 @@ from betterbench.tasks.interventions import resolve_condition
 
 _VIEW = 640
 _CAMERA = "front_official"
-"""Camera at the position of ``front`` with a wider field of view, which includes the gripper at reset."""
+"""Camera at the position of ``front`` with a wider field of view, so that the gripper is visible after the reset."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightView:
-    """Content of a preflight sheet, drawn by :mod:`betterbench.report.pages.preflight_sheet`.
+    """Content of a preflight sheet, which :mod:`betterbench.report.pages.preflight_sheet` draws.
 
     Attributes:
-        prompt: Instruction as sent to the policy.
-        shown: Images; empty for a policy without images.
-        no_images: Text in place of images.
-        state: State inputs of the policy: key and formatted values.
-        facts: Lines about the reply: name and value.
-        scene: (height, width, 3) uint8 image of the scene at reset.
-        path: (n, 2) pixels of the end effector in ``scene`` during the complete answer, starting at reset.
-        aim: (2,) pixel of the end effector after the first action.
-        turn: Rotation and gripper command of the first action, as text.
+        title: Title of the sheet.
+        trial: Description of the trial.
+        prompt: Instruction as it is sent to the policy.
+        shown: Images that are sent to the policy. Empty for a policy without images.
+        no_images: Text that is shown instead of images if there are none.
+        state: State inputs of the policy, as pairs of key and formatted values.
+        facts: Facts about the policy's first reply, as pairs of name and value.
+        latency: Sentence about the latency.
+        scene: Image of the scene after the reset, (height, width, 3) uint8.
+        path: Pixels (n, 2) in the image ``scene`` through which the end effector moves if the complete reply is
+            executed.
+        aim: Pixel (2,) of the end effector in ``scene`` after the first action.
+        turn: Text that describes the rotation and the gripper command of the first action.
     """
 
     title: str
@@ -49,7 +53,7 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of the sheet of a check.
+    """Return the content of the sheet that shows the result of a preflight check.
 
     Raises MissingDependencyError if off-screen OpenGL does not work on this machine.
     """
@@ -67,7 +71,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
     with Renderer(scene.model, width=_VIEW, height=_VIEW, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, _CAMERA)
     if view.rgb is None:
-        raise AssertionError("colors were requested")
+        raise AssertionError("unreachable: colors were requested")
     camera = camera_matrices(scene.model, scene.data, _CAMERA, width=_VIEW, height=_VIEW)
     aim = _aim(found.actions[0], scene)
     path = [start]
@@ -97,7 +101,10 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return lines about a reply, with the end-effector motion of the first action and of the complete reply."""
+    """Return facts about a policy's reply, as pairs of name and value.
+
+    They include how far the first action and the complete reply move the end effector.
+    """
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from the initial position"),)
     return (
@@ -113,7 +120,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
-    """Return the end effector's position (3,) after the first action, in the base frame [m]."""
+    """Return the position (3,) of the end effector after the first action, in the base frame [m]."""
     space, pose = scene.action_space, scene.state().ee_pose
     applied = space.clip(action)[:3]
     if space.name.startswith("ee_delta"):
@@ -121,7 +128,7 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
         return aim
     if space.name == "ee_pose":
         return applied
-    # the effect of a joint action depends on the controller, so it is executed in the scene
+    # The effect of a joint action depends on the controller, so the action is executed in the scene.
     scene.step(action)
     aim = np.array(scene.state().commanded_pose.position)
     scene.reset()
@@ -129,7 +136,7 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 def _turn_text(action: np.ndarray, space: ActionSpace) -> str:
-    """Describe the rotation of an action."""
+    """Describe the rotation that an action commands."""
     if space.name.startswith("ee_delta"):
         vector = space.clip(action)[3:6] * np.array(space.scale[3:6])
     elif space.name == "ee_pose":
@@ -159,12 +166,12 @@ def _listed(values: np.ndarray, names: tuple[str, ...], *, digits: int = 3) -> s
 
 
 def numbers_text(values: np.ndarray, *, digits: int = 3) -> str:
-    """Format integers unchanged, and all other numbers with a sign."""
+    """Format numbers as text. Integers are shown as they are, all other numbers with a sign."""
     if values.dtype.kind in "iu":
         return ", ".join(str(value) for value in values.tolist())
     return ", ".join(_signed(value, digits) for value in values.tolist())
 
 
 def _signed(value: float, digits: int) -> str:
-    """Return a number with its sign, zero as +0."""
+    """Format a number with its sign. Zero is shown as +0."""
     return f"{round(value, digits) + 0.0:+.{digits}f}"

@@ -1,7 +1,7 @@
-"""Runs on a Ray cluster, with workers and replicas of the policy as actors.
+"""Runs on a Ray cluster, with workers and policy replicas as actors.
 
 No shared file system is needed: workers send finished records to the driver process, which writes all files. If a
-worker dies, other workers repeat its unfinished trials.
+worker dies, other workers repeat the trials that it has not finished.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 _CLOSE_S = 3.0
 _WAIT_S = 5.0
-_CALLS = 2  # one running and one queued call, so that workers never wait for this process
+_CALLS = 2  # one running and one queued call, so that workers never wait for the driver
 
 
 def ray_entries(
@@ -52,15 +52,17 @@ def ray_entries(
     served: bool = False,
     steps: StepCount | None = None,
 ) -> Iterator[JournalEntry]:
-    """Run trials on a Ray cluster, and yield each journal entry after its record has been written.
+    """Run trials on a Ray cluster. Yield each journal entry after the record of the trial has been written.
 
-    Only this process writes to the run. A round is requested when the previous round has ended. With ``served``, the
-    policy runs in replicas. ``steps`` counts the steps that workers report.
+    Only this process writes to the run folder. The trials come in rounds, and the next round is requested when the
+    previous one has ended. If ``served`` is True, the policy runs in replicas. ``steps`` counts the control steps that
+    workers report.
 
     Raises:
-        InvalidInputError: If the cluster has no free resources, or its machines have other versions.
-        WorkerError: If workers keep dying or cannot start, or the cluster is gone.
-        BetterError: If an error stops the run: a broken premise, a full disk, an unreachable policy.
+        InvalidInputError: If the cluster has no free resources, or the software versions on its machines differ from
+            those on this machine.
+        WorkerError: If workers keep dying or cannot start, or if the cluster is lost.
+        BetterError: If an error stops the run, such as a false premise, a full disk or an unreachable policy.
     """
     pool = RayPool(session, run, settings, steps or StepCount())
     try:
@@ -76,24 +78,24 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """Worker state in the pool."""
+    """State of one worker, as far as the pool of workers knows it."""
 
     actor: Any
-    calls: deque[Any]  # running calls, the oldest first
+    calls: deque[Any]  # calls that have not returned, the oldest first
     trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
-    placed: bool = False  # it has resources on the cluster
-    ready: bool = False  # it has been prepared
-    alone: bool = False  # it runs a single trial that was running in a worker that died
-    replica: int | None = None  # number of its replica of the policy
-    broken: list[Trial] = field(default_factory=list)  # trials that have broken down
-    envs: int = 1  # number of simultaneous trials, reported by the worker
+    placed: bool = False  # whether it has resources on the cluster
+    ready: bool = False  # whether it has been prepared
+    alone: bool = False  # whether it runs a single trial that was running in a worker that died
+    replica: int | None = None  # index of the policy replica that it uses
+    broken: list[Trial] = field(default_factory=list)  # trials that ended with an error
+    envs: int = 1  # number of trials that it runs at the same time, as it reports
 
 
 class RayPool:
-    """Pool of the workers of a run on a Ray cluster."""
+    """Pool of the workers that run the trials of a run on a Ray cluster."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
-        """Initialize the pool. For the arguments see :func:`ray_entries`."""
+        """Create the pool. The arguments are those of :func:`ray_entries`."""
         self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
         self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)
@@ -103,11 +105,11 @@ class RayPool:
         self._asked_at = 0.0
 
     def start_replicas(self) -> None:
-        """Start the policy's replicas."""
+        """Start the replicas of the policy."""
         self._replicas.start()
 
     def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of each trial when it ends. Workers stay alive for the next trials."""
+        """Run trials, and yield the journal entry of each when it ends. The workers stay alive for further trials."""
         self._ledger.put_back(trials)
         for _ in range(min(self._session.workers, self._ledger.left) - len(self._workers)):
             self._add_worker()
@@ -127,7 +129,7 @@ class RayPool:
                 )
 
     def close(self) -> None:
-        """End all actors. Their unfinished trials are run again when the command is repeated."""
+        """End all actors. Trials that they have not finished are run when the command is repeated."""
         with contextlib.suppress(*loss_errors(self._ray)):
             closing = [worker.actor.close.remote() for worker in self._workers if worker.ready]
             if closing:
@@ -141,7 +143,10 @@ class RayPool:
         return bool(self._ledger.left or any(worker.trials for worker in self._workers))
 
     def _add_worker(self, replica: int | None = None) -> None:
-        """Add a worker. If there are replicas, it is connected to the given one, or to the next one in turn."""
+        """Add a worker.
+
+        If the policy runs in replicas, the worker uses the given one, or by default the next one in turn.
+        """
         settings, addresses = self._settings, self._replicas.addresses
         if addresses:
             replica = self._made % len(addresses) if replica is None else replica
@@ -150,7 +155,7 @@ class RayPool:
         self._made += 1
         known = [path.stem for path in sorted((self._run.path / "scenes").glob("*.zip"))]
         description = (self._run.path / "run.json").read_bytes()
-        # Ray must not restart actors, because only this process knows the lost trials.
+        # Ray must not restart the actors itself, because only this process knows which trials were lost.
         remote = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(RemoteWorker)
         actor = remote.remote(settings, description, known)
         calls = deque([actor.__ray_ready__.remote(), actor.prepare.remote(self._replicas.environment)])
@@ -158,7 +163,10 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Assign a worker its share of the trials, and an additional queued trial while many are left."""
+        """Give a worker an equal share of the trials that are left.
+
+        While many trials are left, the worker also gets one more trial, which waits in its queue.
+        """
         if not worker.ready:
             return
         if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):
@@ -176,7 +184,7 @@ class RayPool:
             new = []
 
     def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
-        """Store the results of a finished actor call, and yield their journal entries."""
+        """Store the results of a call that a worker has finished, and yield the journal entries in the results."""
         if call not in worker.calls:
             return  # result of a worker that has died in the meantime
         errors = self._ray.exceptions
@@ -208,7 +216,7 @@ class RayPool:
             self._accept(worker, found)
 
     def _store(self, worker: _WorkerActor, delivery: Delivery) -> JournalEntry:
-        """Write the record of a finished trial, and return its entry."""
+        """Write the record of a finished trial. Return the trial's journal entry."""
         entry = delivery.entry
         if delivery.record is not None:
             self._write(self._run.record_path(entry.task, entry.condition, entry.seed), delivery.record)
@@ -222,20 +230,25 @@ class RayPool:
             write_durably(path, data)
 
     def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
-        """Check that a ready worker has the same versions as this process."""
+        """Check that a worker that has been prepared uses the same software versions as this process."""
         here = versions_here()
         other = {name: value for name, value in versions.items() if here.get(name, value) != value}
         if other:
             there = ", ".join(f"{name} {value} (here {here[name]})" for name, value in sorted(other.items()))
             raise InvalidInputError(
-                "--engine ray", f"a machine of the cluster has {there}", "Install the same versions everywhere"
+                "--engine ray",
+                f"a machine in the cluster has different software versions than this machine: {there}",
+                "Install the same versions on all machines",
             )
         if "problem" in versions:
             raise WorkerError(f"A worker on the cluster cannot start: {versions['problem']}")
         worker.ready = True
 
     def _handle_exit(self, worker: _WorkerActor, error: Exception) -> Iterator[JournalEntry]:
-        """Replace a lost worker, and queue its trials again or give them up."""
+        """Replace a worker that was lost.
+
+        Its unfinished trials are queued again or, after too many attempts, given up.
+        """
         logger.warning("a worker of the cluster died; other workers take its %d trials", len(worker.trials))
         self._workers.remove(worker)
         kill(self._ray, [worker.actor])
@@ -246,7 +259,10 @@ class RayPool:
             self._add_worker(worker.replica)
 
     def _replace_replicas(self) -> bool:
-        """Replace dead replicas and their workers. Returns False if none was replaced."""
+        """Replace the replicas that have died, and the workers that use them.
+
+        Return whether any replica was replaced.
+        """
         dead = self._replicas.replace_dead()
         for worker in [w for w in self._workers if w.replica in dead]:
             self._workers.remove(worker)

@@ -1,4 +1,4 @@
-"""Worker on a Ray cluster, run by an actor. Importing this module does not import Ray."""
+"""Worker on a Ray cluster, which runs as an actor. Importing this module does not import Ray."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
 TURN_S = 2.0
-"""Maximum time between two reports of a worker, even if no trial has ended [s]."""
+"""Longest time between two reports of a worker, even if no trial has ended [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """Journal entry and record of a finished trial; the record is None for a broken trial."""
+    """Journal entry and record of a trial that has ended. The record is None if the trial ended with an error."""
 
     entry: JournalEntry
     record: bytes | None
@@ -35,14 +35,14 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Progress report of a worker since its last report.
+    """Report of a worker about the time since its last report.
 
     Attributes:
-        deliveries: Trials that have ended since the last report.
-        scenes: Files of scenes that have not been delivered yet, by hash.
-        problem: Error that stops the run, or None.
-        envs: Maximum number of simultaneous trials from now on; 0 if unknown.
-        steps: Control steps since the last report.
+        deliveries: Trials that have ended.
+        scenes: Contents of the scene files that have not been delivered yet, by hash.
+        problem: Error that must stop the run, or None.
+        envs: Number of trials that the worker can run at the same time from now on, or 0 if this is not known.
+        steps: Number of control steps since the last report.
     """
 
     deliveries: tuple[Delivery, ...] = ()
@@ -53,7 +53,10 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return versions and architecture, which must be the same on all machines for bit-identical results."""
+    """Return the software versions and the CPU architecture of this machine.
+
+    They must be the same on all machines of a run, since only then are the results bit-identical.
+    """
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,
@@ -63,13 +66,13 @@ def versions_here() -> dict[str, str]:
 
 
 class RemoteWorker:
-    """Worker on another machine. It has no access to the run folder, and delivers records as bytes.
+    """Worker on another machine. It cannot access the run folder, and sends records as bytes instead.
 
-    The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes delivered files.
+    The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes files after sending them.
     """
 
     def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
-        """Store the settings, the content of ``run.json`` and the hashes of the scenes already in the run."""
+        """Store the settings, the content of ``run.json``, and the hashes of the scenes already in the run folder."""
         self._settings, self._description, self._known = settings, description, tuple(known)
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
@@ -77,9 +80,11 @@ class RemoteWorker:
         self._steps = 0  # since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
-        """Open the worker with additional environment variables.
+        """Prepare the worker.
 
-        Returns the versions of this machine for comparison, and "problem" if the worker cannot be opened.
+        ``secrets`` contains environment variables that the worker needs to connect to the policy. Return the versions
+        on this machine, to be compared with those of the driver. If the worker cannot be prepared, the returned entry
+        "problem" contains the reason.
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
@@ -100,9 +105,9 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Accept trials, run for a while, and report. Trials wait until an environment is free."""
+        """Accept trials, run for a while, and return a report. Trials wait until an environment is free."""
         if self._worker is None:
-            raise InvalidInputError("worker", "it is not prepared", "Call prepare first")
+            raise InvalidInputError("worker", "the worker is not prepared", "Call prepare first")
         self._waiting.extend(trials)
         while self._waiting and self._worker.free:
             self._worker.start(self._waiting.popleft())
@@ -118,7 +123,7 @@ class RemoteWorker:
         self._steps += 1
 
     def close(self) -> None:
-        """Close the worker and delete its folder. Closing it again is harmless."""
+        """Close the worker and delete its folder. The method may be called more than once."""
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close()
@@ -128,7 +133,7 @@ class RemoteWorker:
 
     def _run(self) -> RunFolder:
         if self._folder is None:
-            raise InvalidInputError("worker", "it is closed", "Create a new worker")
+            raise InvalidInputError("worker", "the worker is closed", "Create a new worker")
         return RunFolder.open(Path(self._folder.name))
 
     def _record(self, entry: JournalEntry) -> bytes | None:
@@ -140,9 +145,9 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call, and truncate their files.
+        """Return the scene files that have been written since the last call, and empty these files.
 
-        The names show which scenes are known.
+        The empty files are kept, because their names show which scenes have already been sent.
         """
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):

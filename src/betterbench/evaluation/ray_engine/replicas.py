@@ -1,4 +1,4 @@
-"""Replicas: actors on a Ray cluster that serve copies of the policy to the workers of a run."""
+"""Replicas: actors on a Ray cluster, each of which serves a copy of the policy to the workers of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Maximum number of replacements, after which the run stops as if a policy server could not be reached."""
+"""Number of replacements after which the run stops, as if a policy server could not be reached."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -38,12 +38,12 @@ class Replicas:
     """Replicas of the policy of a run.
 
     Attributes:
-        addresses: Addresses of the replicas.
-        environment: Environment variables that a worker needs to connect to them.
+        addresses: Policy addresses of the replicas.
+        environment: Environment variables that a worker needs to connect to the replicas.
     """
 
     def __init__(self, session: RaySession, settings: RunSettings) -> None:
-        """Store the settings. :meth:`start` starts the replicas."""
+        """Store the settings. The replicas are started by :meth:`start`."""
         self._session, self._settings = session, settings
         self._actors: list[Any] = []
         self._replaced = 0
@@ -56,9 +56,9 @@ class Replicas:
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
 
     def replace_dead(self) -> list[int]:
-        """Replace dead replicas and return their indices.
+        """Replace the replicas that have died, and return their indices.
 
-        The result is empty if all are alive or too many have died.
+        The list is empty if all replicas are alive, or if too many have died.
         """
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
@@ -76,7 +76,7 @@ class Replicas:
         kill(self._session.ray, actors)
 
     def _started(self, count: int) -> tuple[list[Any], list[str]]:
-        """Start replicas, and return them with their addresses."""
+        """Start the given number of replicas. Return the replicas and their addresses."""
         ray, gpus = self._session.ray, self._session.replica_gpus()
         remote = ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
         actors = [remote.remote(self._settings.policy) for _ in range(count)]
@@ -91,18 +91,18 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until the replicas have resources on the cluster, before they load the policy."""
+        """Wait until the cluster has allocated resources to all replicas. Only then do the replicas load the policy."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(
                 "--replicas",
                 f"no free resources for {len(late)} of {len(placed)} replicas with {gpus:g} GPUs each "
                 f"(free: {self._session.free_text()})",
-                "Give fewer --replicas, or a fraction of a GPU with --replica-gpus",
+                "Reduce --replicas, or give each replica only a fraction of a GPU with --replica-gpus",
             )
 
     def _address(self, starting: Any) -> str:  # noqa: ANN401 -- a reference of Ray
-        """Wait, without a time limit, until a replica has loaded the policy, and return its address."""
+        """Wait until a replica has loaded the policy, without a time limit. Return the replica's address."""
         ray, policy = self._session.ray, self._settings.policy
         try:
             address, problem = ray.get(starting)
@@ -123,18 +123,24 @@ class Replicas:
 
 
 class _Replica:
-    """Copy of the policy, served with the openpi protocol on the address of its machine. Clients need the key."""
+    """Copy of the policy on a Ray cluster. It is served with openpi's protocol on the network address of its machine.
+
+    Clients must send the API key.
+    """
 
     def __init__(self, policy: str) -> None:
         self._policy = policy
         self._server: PolicyServer | None = None
 
     def is_up(self) -> bool:
-        """Return whether the replica is serving."""
+        """Return whether the replica serves the policy."""
         return self._server is not None
 
     def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
-        """Serve the policy, and return the address or the error. ``limit_s`` is the deadline of a reply [s]."""
+        """Serve the policy. Return the address, or an error if serving fails.
+
+        ``limit_s`` is the maximum time for a reply [s].
+        """
         node: str = importlib.import_module("ray").util.get_node_ip_address()
         try:
             self._server = open_server(

@@ -1,1 +1,1 @@
-"""Complete runs: execution of a plan, external loops, and replay of records."""
+"""Execution of complete runs: from a plan, by the user's own loop, or as a replay of records."""

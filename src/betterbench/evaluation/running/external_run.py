@@ -1,4 +1,4 @@
-"""External runs: your own loop gets observations and sends actions, and betterbench records the trials."""
+"""External runs: betterbench records trials in which the user's own loop gets observations and sends actions."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.trial import Trial
 
 LOCK_PATIENCE_S = 60.0
-"""Maximum time to wait for another process of the same run, which only holds the lock while it writes a line [s]."""
+"""Longest time to wait for another process of the same run [s]. A process locks the journal only to write a line."""
 
 _RETRY_S = 0.05
-_STARTS = 20  # number of attempts to open the run, because another process may be creating it
+_STARTS = 20  # attempts to open the run, which another process may be creating
 _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """Run whose trials your own loop executes, with the same records as ``better eval``. A context manager.
+    """Run whose trials are executed by the user's own evaluation loop. It writes the same records as ``better eval``.
 
-    Several processes may run different trials of one run, because the folder is locked only while writing a line.
+    Several processes may run different trials of one run at the same time, because the run folder is locked only while
+    a line is written. Use this class as a context manager.
 
     Attributes:
         start: :class:`EpisodeStart` of the current episode, or None.
-        entry: The journal entry of the last episode that ended, or None.
+        entry: Journal entry of the episode that ended last, or None.
     """
 
     def __init__(
@@ -56,20 +57,22 @@ class ExternalRun:
         metadata: Mapping[str, str] | None = None,
         engine: str = "external",
     ) -> None:
-        """Create a run, or resume the run in the folder if its plan is the same.
+        """Create a run. If the folder already contains a run with the same plan, resume that run.
 
-        The policy of the plan is the name of your policy in the report. With ``needs_images=False``, no images are
-        rendered. ``metadata`` contains additional facts about the policy (checkpoint, revision), and JSON documents in
-        it are parsed. ``engine`` is the name of your loop in the manifest.
+        The report shows the policy under the name that the plan contains. If ``needs_images`` is False, no images are
+        rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), and values that are JSON
+        text are parsed. ``engine`` is the name of the user's loop, which is stored in the manifest.
 
         Raises:
             InvalidInputError: If the policy name is reserved for a built-in policy.
-            RunConflictError: If the folder contains another run, or a run with another policy.
+            RunConflictError: If the folder contains a different run, or a run of a different policy.
             StorageError: If the disk is full.
         """
         if not needs_in_run(plan.policy).thread:
             raise InvalidInputError(
-                "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give your policy another name"
+                "policy",
+                f"the name {plan.policy!r} is reserved for a built-in policy",
+                "Choose another name for your policy",
             )
         info = PolicyInfo(plan.policy, plan.action_space, needs_images=needs_images, metadata=dict(metadata or {}))
         declared = describe_policy(plan.policy, info)
@@ -86,9 +89,10 @@ class ExternalRun:
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the unfinished trials in plan order. Other processes may finish some of them in the meantime.
+        """Yield the trials that are not finished, in the order of the plan.
 
-        In a plan with ``until_decided``, the next round follows when all trials of the previous round are finished.
+        Other processes may finish some of the yielded trials in the meantime. If the plan has ``until_decided``, the
+        next round of trials is yielded when all trials of the previous round are finished.
         """
         for trials in Schedule(self.plan, is_done=self._is_done, succeeded=self.folder.succeeded).rounds():
             for trial in trials:
@@ -96,21 +100,22 @@ class ExternalRun:
                     yield trial
 
     def is_done(self, trial: Trial) -> bool:
-        """Return whether the trial is done."""
+        """Return whether a trial is finished."""
         return self._is_done(trial.id)
 
     def _is_done(self, trial: TrialId) -> bool:
         return any(e.status == "done" and e.key == trial for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
-        """Return the outcome of a finished trial. Raises RecordError if its record is missing or unreadable."""
+        """Return the outcome of a finished trial. Raises RecordError if the trial's record is missing or unreadable."""
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
-        """Run a complete trial with a callable, and return its journal entry.
+        """Run a complete trial in which a function acts as the policy. Return the journal entry of the trial.
 
-        ``act`` maps an observation to one action (dim,) or a chunk (horizon, dim). If ``act`` raises an exception, the
-        trial ends as ``policy_error``, and the run can continue. Raises the errors of :meth:`begin` and :meth:`act`.
+        ``act`` maps an observation to one action (dim,) or to a chunk (horizon, dim). If it raises an exception, the
+        trial ends as ``policy_error``, and the run can continue. The errors of the methods :meth:`begin` and
+        :meth:`act` are raised.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:
@@ -122,16 +127,18 @@ class ExternalRun:
                 break
             seen = self.act(actions)
         if self.entry is None:
-            raise AssertionError("an ended trial has an entry")
+            raise AssertionError("unreachable: an episode that has ended has a journal entry")
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Begin the episode of a trial in the plan, and return the first observation. A current episode is abandoned.
+        """Begin the episode of a trial in the plan, and return the first observation.
+
+        An episode that is still running is abandoned.
 
         Raises:
-            PolicyError: If the trial failed with an error; the journal has the reason.
-            PremiseError: If the scene contradicts the instruction's premise; the run must stop.
-            StorageError: If the disk is full; the run must stop.
+            PolicyError: If the trial failed with an error. The journal contains the reason.
+            PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
+            StorageError: If the disk is full. The run must stop.
         """
         self.abandon("the external loop began another episode")
         self._steps, self.entry = self._trial_runner.steps(trial), None
@@ -142,33 +149,36 @@ class ExternalRun:
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
-        """Execute one action (dim,), or a complete chunk (horizon, dim).
+        """Execute one action (dim,) or a complete chunk (horizon, dim).
 
-        Invalid actions end the trial as ``policy_error`` with the reason in its record.
+        An invalid action ends the trial as ``policy_error``; the record of the trial contains the reason.
 
         Returns:
-            The next observation, or None if the episode has ended and :attr:`entry` is set.
+            Next observation, or None if the episode has ended. :attr:`entry` is then set.
 
         Raises:
             InvalidInputError: If there is no current episode.
-            StorageError: If the disk is full; the run must stop.
+            StorageError: If the disk is full. The run must stop.
         """
         if self._steps is None:
             raise InvalidInputError("act", "there is no current episode", "Call begin first")
         return self._advance(Reply(np.asarray(actions), time.perf_counter() - self._asked))
 
     def fail(self, reason: str) -> None:
-        """End the current episode as ``policy_error``, because the policy failed. The trial counts."""
+        """End the current episode as ``policy_error``, because the policy has failed. The trial counts as run."""
         if self._steps is not None:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """End the current episode, if any, with a reason for the journal. Resuming the run repeats the trial."""
+        """End the current episode, if any, without a result. The trial is repeated when the run is resumed.
+
+        ``reason`` is written to the journal.
+        """
         if self._steps is not None:
             self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
 
     def close(self) -> None:
-        """Abandon the current episode, and free the renderers."""
+        """Abandon the current episode and close the renderers."""
         self.abandon("the external loop ended during the episode")
         self._trial_runner.close()
 
@@ -179,10 +189,10 @@ class ExternalRun:
         self.close()
 
     def _advance(self, reply: Reply | PolicyError | None) -> Observation | None:
-        """Continue the episode until it requests actions or ends."""
+        """Continue the episode until it needs actions or ends."""
         steps = self._steps
         if steps is None:
-            raise AssertionError("there is a current episode")
+            raise AssertionError("unreachable: there is a current episode")
         try:
             if isinstance(reply, PolicyError):
                 question: Question | None = steps.throw(reply)
@@ -196,7 +206,7 @@ class ExternalRun:
             self._steps = self.start = None
             raise
         if question is None:
-            raise AssertionError("without early requests, each pause is a request")
+            raise AssertionError("unreachable: without early requests, each pause is a request")
         self._asked = time.perf_counter()
         if isinstance(question.seen, EpisodeStart):
             self.start = question.seen
@@ -216,7 +226,7 @@ class ExternalRun:
 
 
 class _Declared(PolicyFactory):
-    """Declaration of a policy that your own loop calls."""
+    """Description of a policy that is called by the user's own evaluation loop."""
 
     def __init__(self, info: PolicyInfo) -> None:
         super().__init__(info.name, kind=kind_of_callers(info.name))
@@ -224,10 +234,10 @@ class _Declared(PolicyFactory):
 
 
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
-    """Open or create the run. Several processes may do this at the same time.
+    """Open the run or create it. Several processes may do this at the same time.
 
-    An existing run is opened without a lock, because locking removes partial records, which another process may be
-    writing.
+    An existing run is opened without a lock, because locking would remove incomplete records that another process may
+    be writing at that moment.
     """
     form = json.loads(json.dumps(plan.to_json()))
     for left in reversed(range(_STARTS)):
@@ -240,13 +250,13 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
                 raise
             time.sleep(_RETRY_S)
     run = RunFolder.open(out)
-    require_same(out, run.plan, form, "run", where="plan", cure="Give the same settings to resume it")
+    require_same(out, run.plan, form, "run", where="plan", cure="Use the same settings to resume it")
     return run
 
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal to write one line. Other processes wait in the meantime."""
+    """Open the journal in order to write one line. Other processes wait until this is done."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Warning about a run whose first trials all end with the same error."""
+"""Warning that is logged if the first trials of a run all end with the same error."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of first trials that must end with the same error. Fewer could fail by chance."""
+"""Number of first trials that must end with the same error. Fewer trials could do so by chance."""
 
 
 class FailingStart:
-    """Monitor that warns once if the first trials of a run all end with the same error.
+    """Monitor that logs one warning if the first trials of a run all end with the same error.
 
     The run continues, because a policy may really fail in every trial.
     """
 
     def __init__(self, policy: str) -> None:
-        """Initialize the monitor. ``policy`` is the policy address for the message."""
+        """Create the monitor. ``policy`` is the policy address, for the message."""
         self._policy = policy
         self._reason: str | None = None
         self._alike = 0
         self._over = False
 
     def add(self, entry: JournalEntry) -> None:
-        """Add the entry of a finished trial."""
+        """Take the journal entry of a finished trial into account."""
         if self._over:
             return
-        # ignore numbers, which depend on the trial or the step
+        # Numbers in the message are ignored, since they may depend on the trial or on the step.
         reason = None if entry.message is None else re.sub(r"\d+", "#", entry.message)
         if reason is None or self._reason not in (None, reason):
             self._over = True

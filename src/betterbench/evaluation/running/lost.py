@@ -1,4 +1,4 @@
-"""Detection of finished trials without a usable record or scene. A resumed run repeats them."""
+"""Search for finished trials whose record or scene cannot be used. They are repeated when the run is resumed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Mark finished trials without usable files as unfinished in the journal, and return their number.
+    """Find finished trials whose files cannot be used, and mark them as unfinished. Return the number of such trials.
 
-    Unusable files are moved to ``RUN/set-aside`` and never deleted. Raises OSError if moving fails.
+    The mark is written to the journal. Files that cannot be used are moved to ``RUN/set-aside`` and never deleted.
+    Raises OSError if they cannot be moved.
     """
     lost = 0
     sound: set[tuple[str, str | None]] = set()

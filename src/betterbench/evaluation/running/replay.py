@@ -20,13 +20,13 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.interventions import ResolvedCondition, resolve_condition
 
 VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
-"""Columns computed by the goal tracker."""
+"""Columns of a record that the goal tracker computes."""
 
 MOST_DEVIATIONS = 6.0
-"""Maximum plausible noise of an executed action [standard deviations]."""
+"""Largest plausible noise of an executed action [standard deviations]."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata fields that depend on installed versions. Their differences are only reported as notes."""
+"""Metadata that depend on installed versions. If they differ, this is reported only as a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +34,15 @@ class ReplayCheck:
     """Result of a replay.
 
     Attributes:
-        rows: Number of compared rows.
-        first_difference: First row whose state differs, or None if all are equal.
-        largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker computes the recorded values again, and the outcome follows from them.
+        rows: Number of rows that were compared.
+        first_difference: Index of the first row whose state differs, or None if all states are equal.
+        largest_difference: Largest difference in a position or angle [m, rad].
+        verdict_agrees: Whether the goal tracker again computes the recorded values, and the recorded outcome follows
+            from these values.
         notes: Possible reasons for a difference.
-        differing: Fields that differ from the replay, with both values for scalars.
-        fields: Number of compared fields.
+        differing: Descriptions of the fields that differ. If a field is a single value, its description contains both
+            values.
+        fields: Number of fields that were compared.
     """
 
     rows: int
@@ -60,11 +62,11 @@ class ReplayCheck:
 def check_record(path: Path) -> ReplayCheck:
     """Simulate the actions of a record again, and compare all results.
 
-    The comparison includes all columns, the outcome, and the metadata except versions. A record in a run folder is also
+    All columns, the outcome, and all metadata except the versions are compared. A record in a run folder is also
     compared with the plan and the journal of the run.
 
     Raises:
-        RecordError: If the record or its scene cannot be read, or does not match the plan and the journal.
+        RecordError: If the record or the scene cannot be read, or if the record contradicts the plan or the journal.
     """
     record = read_record(path)
     run = _run_of(path, record)
@@ -79,19 +81,22 @@ def check_record(path: Path) -> ReplayCheck:
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
             f"{path}: the scene has changed since the recording ({', '.join(notes) or 'same versions'}). "
-            "Record it again."
+            "Record the trial again."
         )
     try:
         again, truth, met = _simulate(scene, record, found)
     except InvalidActionError as problem:
-        raise RecordError(f"{path}: its actions cannot be executed ({problem}). Record it again.") from problem
+        raise RecordError(
+            f"{path}: the recorded actions cannot be executed ({problem}). Record the trial again."
+        ) from problem
     return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, truth, met))
 
 
 def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
-    """Return the scene of a record.
+    """Create the scene of a record.
 
-    Robot and render preset are those of the record or the plan, or matching ones if unknown.
+    The robot and the rendering quality are named in the record or in the plan. If they are not, several are tried until
+    the scene matches the record.
     """
     meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
@@ -120,9 +125,10 @@ def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object])
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Compare a record with plan and journal of its run, and return the run; None for a record outside a run.
+    """Return the run that contains a record. Before that, compare the record with the plan and the journal of the run.
 
-    Raises RecordError if they differ or the record is not at its path in the run.
+    Return None for a record that is not in a run. Raises RecordError if the comparison fails, or if the record is not
+    stored at the path for its trial.
     """
     place = path.absolute()
     if len(place.parents) < 4 or not (place.parents[3] / "run.json").is_file():
@@ -134,15 +140,15 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
         run.read_record(task, condition, meta.seed)
         return run
     raise RecordError(
-        f"{path}: this is the record of {meta.task}/{meta.condition} seed {meta.seed}, but its path in the run is that "
-        "of another trial. Move the file to the path of its trial."
+        f"{path}: this file is the record of {meta.task}/{meta.condition} seed {meta.seed}, but its path in the run is "
+        "that of another trial. Move the file to the path of its trial."
     )
 
 
 def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
-    """Replay a record in a scene.
+    """Replay the actions of a record in a scene.
 
-    Returns the new record, the last predicate values, and the first row with success (or None).
+    Return the new record, the final values of the predicates, and the first row at which the goal is reached (or None).
     """
     meta = record.metadata
     tracker = GoalTracker(
@@ -158,8 +164,8 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
         camera_preset=meta.camera_preset,
         demonstrator=meta.demonstrator,
     )
-    # If noise was added, ``action`` is the demonstrator's label, and ``applied`` is the executed action, which is
-    # replayed.
+    # If noise was added, ``action`` is the action that the demonstrator chose, and ``applied`` is the action with
+    # noise, which was executed and is therefore replayed.
     executed = record.action if meta.demonstrator is None or not meta.demonstrator.action_noise else record.applied
     builder = RecordBuilder(describe(scene, tracker, context))
     state = scene.reset()
@@ -167,7 +173,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        # also reject labels that are invalid actions
+        # Raises an error if the chosen action is invalid.
         scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()
@@ -181,7 +187,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
 
 
 def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
-    """Yield the differences between a recorded outcome and the replayed one."""
+    """Yield the differences between the recorded outcome and the outcome of the replay, as text."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
     if truth.success:
@@ -238,7 +244,7 @@ def _compare(record: Record, again: Record, notes: tuple[str, ...], *, outcome: 
 
 
 def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return the rows in which two columns are not bit-identical."""
+    """Return the indices of the rows in which two columns are not bit-identical."""
     a, b = (np.ascontiguousarray(x).reshape(len(x), -1) for x in (ours, theirs))
     if a.shape[1] == 0:
         return np.empty(0, dtype=np.intp)
@@ -246,11 +252,11 @@ def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _metadata(record: Record, again: Record) -> Iterator[str]:
-    """Yield the metadata fields that differ from those of the replay."""
+    """Yield the metadata that differ between the record and the replay."""
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:
-            continue  # settings of the run
+            continue  # it is a setting of the run
         if field.name not in _NOT_DERIVED and told != due:
             shown = [str(value) if len(str(value)) <= 60 else f"{str(value)[:57]}..." for value in (told, due)]
             yield f"metadata.{field.name} is {shown[0]} but the replay gives {shown[1]}"

@@ -1,4 +1,7 @@
-"""Execution of a plan: workers run trials, and a journal of finished trials allows resuming the run."""
+"""Execution of a plan: workers run the trials.
+
+Finished trials are listed in a journal, so that a run can be resumed.
+"""
 
 from __future__ import annotations
 
@@ -44,23 +47,27 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Engine = Literal["local", "ray"]
-"""Engine that runs the workers: processes on this machine, or actors on a Ray cluster."""
+"""Kind of workers that run the trials: processes on this machine, or actors on a Ray cluster."""
 
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Maximum number of passes over the trials if records disappear during the run."""
+"""Largest number of passes over the trials, if records disappear during the run."""
 
 _TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a run. ``started_with`` trials were done before this process started, ``elapsed_s`` ago [s].
+    """Progress of a run.
 
     Attributes:
-        planned: Number of trials in the plan, which is the maximum for a run with ``--until-decided``.
-        decisions: Decisions after the last round of a run with ``--until-decided``, or None.
+        done: Number of finished trials.
+        planned: Number of trials in the plan. With ``--until-decided``, this is the largest number that may be needed.
+        elapsed_s: Time since this process started to run trials [s].
+        started_with: Number of trials that were already finished when this process started.
+        last: Journal entry of the trial that ended last, or None.
+        decisions: Verdicts on the variations after the last round of a run with ``--until-decided``, or None.
     """
 
     done: int
@@ -86,37 +93,43 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run all trials of a plan that are not in the journal, or with ``until_decided`` only the required ones.
+    """Run all trials of a plan that the journal does not contain as finished.
 
-    Trials with a missing or damaged record are run again. The conventions of the policy are checked before anything is
-    written. Results do not depend on the engine or on the number of workers and environments.
+    If the plan has ``until_decided``, only the trials that are needed for the verdicts are run. Trials whose record is
+    missing or damaged are run again. The conventions of the policy are checked before anything is written. Results do
+    not depend on the engine or on the number of workers and environments.
 
     Args:
-        plan: Plan of the run. The same plan resumes an unfinished run.
+        plan: Plan of the run. An unfinished run with the same plan is resumed.
         out: Run folder.
-        workers: Number of worker processes. With 1, the trials run in this process, but a user's policy always runs in
-            a separate process. If None, there is one worker per CPU core of this machine or cluster, or a single worker
-            if each worker would load the policy's weights again.
-        envs: Number of environments per worker. If None, it is 1 for a policy that answers immediately. For other
-            policies, a warm-up times the policy and the simulation, and chooses a number that fits into the free
-            memory.
-        engine: "local" for processes on this machine, "ray" for actors on a Ray cluster.
-        cluster: Cluster for the Ray actors.
-        policy_timeout_s: Deadline for one answer of a policy in a worker process [s]. A late answer ends the trial.
-        allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
-        repeats: Earlier run that must have the same policy unless ``allow_changed_policy`` is set, or None.
-        policies: Factory of a policy object without an address, for a single worker. If None, the policy address of the
-            plan is used.
-        on_progress: Called once at the start and after every trial.
-        on_steps: Called about twice a second with the control steps of this session.
+        workers: Number of worker processes. If it is 1, the trials run in this process, but a user's policy always runs
+            in a separate process. If it is None, there is one worker per CPU core of this machine or cluster, or only
+            one worker if each worker would have to load the weights of the policy.
+        envs: Number of environments per worker. If it is None, policies that answer immediately get one environment.
+            For other policies, the number is chosen in a warm-up, which measures how long the policy and the simulation
+            take, and is limited by the free memory.
+        engine: "local" for processes on this machine, or "ray" for actors on a Ray cluster.
+        cluster: Ray cluster to use.
+        policy_timeout_s: Maximum time for one answer of a policy that runs in a worker process [s]. A later answer ends
+            the trial.
+        allow_changed_policy: Whether a run may be resumed even if the description of the policy has changed since the
+            run began.
+        repeats: Earlier run that this run repeats, or None. Unless ``allow_changed_policy`` is True, it must have the
+            same policy.
+        policies: Factory for a policy object that has no address. It requires a single worker. If it is None, the
+            policy address in the plan is used.
+        on_progress: Function that is called once at the start and after every trial.
+        on_steps: Function that is called about twice a second with the number of control steps that were executed since
+            this process started.
 
     Raises:
-        RunConflictError: If the folder contains another run, another process writes to it, or the policy has changed.
-        PremiseError: If a scene contradicts its instruction's premise.
-        InvalidInputError: If a number is out of range, or the policy answers in another action space.
-        UnknownNameError: If no such policy exists.
+        RunConflictError: If the folder contains a different run, if another process writes to it, or if the policy has
+            changed.
+        PremiseError: If a scene contradicts what its instruction assumes.
+        InvalidInputError: If a number is out of range, or if the policy uses a different action space than the run.
+        UnknownNameError: If no policy has this address.
         PolicyUnavailableError: If the policy's server cannot be reached.
-        HandshakeError: If the server declares other conventions.
+        HandshakeError: If the policy's server declares different conventions.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -156,7 +169,7 @@ def evaluate(
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Log assumptions about a policy, and check that this machine can render its images.
+    """Log the assumptions made about a policy, and check that this machine can render the images that the policy needs.
 
     Without this check, every trial would fail for the same reason.
     """
@@ -167,7 +180,10 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
 
 
 def _restored(run: RunFolder, journal: Journal, needs: PolicyNeeds) -> bool:
-    """Restore removed files of the run, and return whether trials are lost."""
+    """Restore files of the run that were removed.
+
+    Return whether trials must be repeated because their records are lost.
+    """
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
         return (any(changed) or needs.process) and reopen_lost(run, journal) > 0
@@ -183,7 +199,7 @@ def _record(
     began: float,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
-    """Append entries to the journal when they arrive, and report progress."""
+    """Append journal entries as they arrive, and report the progress."""
     plan = schedule.plan
     planned = len(plan.trials)
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
@@ -207,20 +223,23 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Properties of the policy that are determined before the run."""
+    """Facts about the policy, which are determined before the run starts."""
 
     info: PolicyInfo
-    envs: int  # default number per worker
-    policies: PolicyFactory | None = None  # may contain the instance that was created; None if a host serves the policy
+    envs: int  # default number of environments per worker
+    policies: PolicyFactory | None = None  # may hold the instance that was created; None if a host serves the policy
     host: Host | None = None  # process that serves the policy to all workers
-    shared: bool = False  # one instance serves several workers
-    one_worker: bool = False  # each additional worker would load the weights
+    shared: bool = False  # whether one instance serves several workers
+    one_worker: bool = False  # whether each additional worker would load the weights again
 
 
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Create the policy or connect to it, and compare conventions. The stack closes the resources."""
+    """Create the policy or connect to it, and compare the conventions of the policy with those of the run.
+
+    When ``stack`` is closed, the resources of the policy are released.
+    """
     if given is not None:
         return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
     address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
@@ -231,8 +250,8 @@ def _ask_policy(
         info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
         return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
-        # A user's policy may load large weights. It is created in a separate process, which ends before the workers
-        # load the weights, so that they are never loaded in this process.
+        # A user's policy may have large weights. It is created in a separate process, which ends before the workers
+        # load the weights, so that this process never contains them.
         run = (plan.action_space, plan.observation)
         host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
@@ -248,7 +267,7 @@ def _ask_policy(
 def _with_policy(
     settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
 ) -> RunSettings:
-    """Return the settings with the properties of the policy and the number of environments."""
+    """Return a copy of the settings, completed with facts about the policy and with the number of environments."""
     first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
         settings,
@@ -261,26 +280,28 @@ def _with_policy(
 
 
 def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
-    """Return the description of the engine for ``run.json``."""
+    """Return the description of the execution engine, in the form that is stored in ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
-        form["most_envs"] = settings.most_envs  # chosen by a warm-up, and stored in the journal
+        form["most_envs"] = settings.most_envs  # the warm-up chooses the number, which is stored in the journal
     return form
 
 
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
     if workers is not None and not 1 <= workers <= MAX_WORKERS:
-        raise InvalidInputError("--workers", f"{workers} is out of range", f"Give a number from 1 to {MAX_WORKERS}")
+        raise InvalidInputError("--workers", f"{workers} is out of range", f"Use a number from 1 to {MAX_WORKERS}")
     if envs is not None and not 1 <= envs <= MAX_ENVS:
-        raise InvalidInputError("--envs", f"{envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+        raise InvalidInputError("--envs", f"{envs} is out of range", f"Use a number from 1 to {MAX_ENVS}")
     if not 0.0 < policy_timeout_s < float("inf"):
-        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Give a number above 0")
+        raise InvalidInputError(
+            "--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Use a number greater than 0"
+        )
     if engine not in get_args(Engine):
         raise UnknownNameError("engine", engine, get_args(Engine))
 
 
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
-    # imported here because Ray is an extra
+    # This is imported here because Ray is an optional dependency.
     from betterbench.evaluation.ray_engine.session import RaySession  # noqa: PLC0415
 
     return RaySession(cluster, workers)
@@ -295,9 +316,9 @@ def _entries(
     session: RaySession | None,
     steps: StepCount,
 ) -> Generator[JournalEntry, None, None]:
-    """Yield the journal entry of each trial when it ends."""
+    """Run the trials of the schedule, and yield the journal entry of each trial when it ends."""
     workers = settings.workers
-    last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment runs some trials
+    last = 2 * workers * max(settings.envs, settings.most_envs)  # enough for each environment to run some of them
     later = (settings.world.in_order(trials, last=last) for trials in schedule.rounds())
     first = next(later, [])
     if not first:
@@ -310,7 +331,7 @@ def _entries(
                 yield from _in_this_process(worker, trials)
         return
     if asked.policies is not None:
-        asked.policies.close()  # each worker creates its own policy
+        asked.policies.close()  # since each worker creates its own policy
     if session is not None:
         from betterbench.evaluation.ray_engine.pool import ray_entries  # noqa: PLC0415 - as above
 
@@ -328,7 +349,7 @@ def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEnt
             running += 1
         if not running:
             if worker.problem is not None:
-                raise worker.problem  # raised by the last trial
+                raise worker.problem  # it was raised by the last trial
             return
         for entry in worker.finished(_TURN_S):
             running -= 1

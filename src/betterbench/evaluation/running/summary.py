@@ -1,4 +1,4 @@
-"""Trial counts of a run, and response times of the policy."""
+"""Summary of a run: numbers of trials by outcome, and response times of the policy."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from betterbench.tasks import Expected
 
 
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
-    """Return the numbers of trials, successes (for training conditions and variations) and trials with errors.
+    """Return the numbers of trials, of successes in training conditions and variations, and of trials with errors.
 
-    Ambiguous trials are counted separately. With ``seeds``, only trials with these seeds are counted.
+    Ambiguous trials are counted separately. If ``seeds`` is given, only trials with these seeds are counted.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
     counts["ambiguous"] = {"n": 0}
@@ -34,31 +34,31 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 
 
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
-    """Return the entries of trials that have no record or ended with a policy error."""
+    """Return the journal entries of trials that have no record or that ended with a policy error."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
 
 
 def require_a_trial(run: RunFolder) -> None:
-    """Raise PolicyError, with the first error, if no trial of the run could be completed."""
+    """Raise PolicyError if no trial of the run could be completed. The message quotes the first error."""
     broken = broken_trials(run)
     if broken and len(broken) == len(run.entries()):
         first = broken[0]
         counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
         raise PolicyError(
-            f"{counted} failed with an error, so nothing was measured. {first.key}: {first.message or 'no message'}"
+            f"{counted} failed with an error, so there is no result. {first.key}: {first.message or 'no message'}"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyService:
-    """Response times, concurrency and connection failures of a policy over several trials.
+    """Response times of a policy, number of simultaneous requests, and connection failures, over several trials.
 
     Attributes:
         p50_s: Median over all trials of the median response time [s].
-        max_s: Maximum response time [s].
+        max_s: Longest response time [s].
         concurrency: Average number of pending requests.
-        retries: Number of repeated requests; None for a policy without a connection.
-        reconnects: Number of reconnections; None for a policy without a connection.
+        retries: Number of requests that were sent again. None for a policy without a connection.
+        reconnects: Number of reconnections. None for a policy without a connection.
     """
 
     p50_s: float
@@ -69,7 +69,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the response times of the policy in a session of ``elapsed_s`` [s], or None if unknown."""
+    """Return the response times of the policy in a session of ``elapsed_s`` [s], or None if they are not known."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -89,24 +89,25 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
 
 
 RunPart = Literal["policy", "simulation", "rendering", "wire"]
-"""Parts of a run's duration."""
+"""Parts into which the duration of a run is divided."""
 
 WAITED = 0.2
-"""Fraction of the workers' time spent waiting above which the policy is the bottleneck."""
+"""Fraction of the workers' time spent waiting, above which the policy is considered the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunTimes:
-    """Time spent in each part, summed over all trials of a run, including earlier sessions.
+    """Time that each part of a run took. The times are summed over all trials, including those of earlier sessions.
 
     Attributes:
-        policy_s: Time from request to reply without ``wire_s`` [s]. The requests of several environments overlap.
-        simulation_s: Scenes, physics, privileged state and records [s].
-        rendering_s: Observations, mostly images [s].
-        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, and reading replies
-            [s]. Network latency is part of the policy time.
+        policy_s: Time from request to reply, without ``wire_s`` [s]. The requests of several environments may overlap
+            in time.
+        simulation_s: Time for creating scenes, simulating, reading the privileged state, and writing records [s].
+        rendering_s: Time for creating observations, which is mostly spent on rendering images [s].
+        wire_s: CPU time that betterbench spends on messages to and from the policy: resizing, packing and sending
+            images, and reading replies [s]. The network latency is part of ``policy_s``.
         idle_s: Time during which workers only waited for the policy [s].
-        envs: Environments per worker in the last trial, or None if the policy runs in the worker itself.
+        envs: Number of environments per worker in the last trial, or None if the policy runs in the worker itself.
     """
 
     policy_s: float
@@ -124,7 +125,7 @@ class RunTimes:
 
     @property
     def bottleneck(self) -> RunPart:
-        """Part that limits the speed of the run."""
+        """Name of the part that limits the speed of the run."""
         if self.envs is not None and self.idle >= WAITED:
             return "wire" if self.wire_s > self.policy_s else "policy"
         parts: dict[RunPart, float] = {
@@ -137,7 +138,7 @@ class RunTimes:
         return max(parts, key=parts.__getitem__)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, with times in seconds."""
+        """Return the times as a JSON-serializable dict, in seconds."""
         return {
             "policy_s": round(self.policy_s, 3),
             "simulation_s": round(self.simulation_s, 3),
@@ -150,7 +151,10 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return the times of trials according to the journal, or None if there are none."""
+    """Return the times of the parts of several trials, as the journal gives them.
+
+    Return None if it contains no times.
+    """
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

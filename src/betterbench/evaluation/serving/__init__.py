@@ -1,1 +1,1 @@
-"""Serving of policies with the openpi protocol: server, sessions, policy host, and shadow simulations for experts."""
+"""Serving of policies with openpi's protocol: the server, its sessions, the policy host, and shadow simulations."""

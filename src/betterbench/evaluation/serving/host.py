@@ -1,6 +1,6 @@
-"""Policy host: process that serves a policy to all workers of a run with the openpi protocol.
+"""Policy host: a process that serves a policy to all workers of a run with openpi's protocol.
 
-The policy itself runs in a child process of the host, so that a crash affects only the current trial.
+The policy itself runs in a child process of the host, so a crash of the policy affects only the current trial.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from betterbench.policies.factory import PolicyFactory
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Maximum number of restarts of a host."""
+"""Largest number of times that a host is restarted."""
 
 HUNG = 75
-"""Exit status of a host with a hanging policy (``EX_TEMPFAIL`` in sysexits.h)."""
+"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` in sysexits.h)."""
 
 _POLL_S = 0.2
 _CLOSE_S = 5.0
@@ -36,14 +36,14 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Maximum time that a worker waits for a host to restart and load its weights [s]."""
+"""Longest time that a worker waits for a host to restart and load its weights [s]."""
 
 
 class Host:
-    """Host of a policy in a separate process. The context manager starts and ends the process.
+    """Policy host in a separate process. As a context manager, it starts and ends the process.
 
     Attributes:
-        takes_batches: Whether one instance serves all environments.
+        takes_batches: Whether one policy instance serves all environments.
     """
 
     def __init__(
@@ -55,15 +55,19 @@ class Host:
         world: str = "",
         rate_hz: float = CONTROL_RATE_HZ,
     ) -> None:
-        """Store the settings. ``run`` contains action space and observation preset, to compare conventions.
+        """Store the settings.
 
-        ``world`` is the world whose conventions are used with a server, and ``rate_hz`` the control rate of the run
-        [Hz].
+        Args:
+            policy: Address of the policy.
+            run: Action space and observation preset of the run, with which the policy's conventions are compared.
+            timeout_s: Maximum time for one answer of the policy [s].
+            world: Benchmark whose conventions apply, such as "libero", or empty.
+            rate_hz: Control rate of the run [Hz].
         """
         self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world, rate_hz), timeout_s, 0
         self._port = 0
         self.takes_batches = False
-        self._running: SpawnedProcess | None = None  # closing the pipe ends the process
+        self._running: SpawnedProcess | None = None  # the process ends when its pipe is closed
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
@@ -81,18 +85,18 @@ class Host:
 
     @property
     def info(self) -> PolicyInfo:
-        """The policy's declarations."""
+        """Description of the policy."""
         if self._info is None:
-            raise AssertionError("the host was not started")
+            raise AssertionError("unreachable: the host has been started")
         return self._info
 
     @property
     def address(self) -> str:
-        """Policy address for workers. Execution settings are declared by the server."""
+        """Policy address for the workers. The server itself tells them how to execute action chunks."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
-        """Restart a dead process at the same port. Raises PolicyError if it died too often."""
+        """Restart the process with the same port if it has died. Raises PolicyError if it has died too many times."""
         if self._running is None or self._running.process.is_alive():
             return
         status = self._running.process.exitcode
@@ -100,8 +104,8 @@ class Host:
         self._restarts += not hung
         if self._restarts > MAX_RESTARTS:
             raise PolicyError(
-                f"{self._policy}: its process died {self._restarts} times (status {status}). Run the same "
-                "command again with --workers 1 to see why."
+                f"{self._policy}: the process of the policy died {self._restarts} times (status {status}). Run "
+                "the same command again with --workers 1 to see why."
             )
         how = "hangs" if hung else f"died (status {status})"
         logger.warning("the process of %s %s and is restarted", self._policy, how)
@@ -115,11 +119,14 @@ class Host:
             )
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
-        """Return the policy's declarations sent by the process, whether it accepts batches, and the port."""
+        """Wait for the process.
+
+        Return the description of the policy, whether the policy accepts batches, and the port.
+        """
         if self._running is None:
-            raise AssertionError("the host was not started")
+            raise AssertionError("unreachable: the host has been started")
         process, pipe = self._running.process, self._running.connection
-        # a child of a dead process may keep the pipe open
+        # The pipe alone is not enough, since a child of a dead process may keep it open.
         while not pipe.poll(_POLL_S) and process.is_alive():
             pass
         message: tuple[PolicyInfo, bool, int] | BetterError | None = None
@@ -128,35 +135,35 @@ class Host:
         if isinstance(message, tuple):
             return message
         raise message or PolicyError(
-            f"{self._policy}: its process ended while loading; see its output above. "
-            "With --workers 1, this process loads the policy."
+            f"{self._policy}: its process ended while loading; see its output above. Run the same command with "
+            "--workers 1 to load the policy in this process."
         )
 
     def _end(self) -> None:
-        """Let the process close its policy and end, or kill it if it does not end."""
+        """Ask the process to close its policy and exit. If it does not exit, kill it."""
         running, self._running = self._running, None
         if running is not None:
             running.end(_CLOSE_S)
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
-    """Return the address of a policy served by the run, with options for workers.
+    """Return the address under which the workers of a run reach a policy that the run itself serves.
 
-    Replies have a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a restarting server.
+    A reply may take at most ``timeout_s`` [s]. Workers wait up to ``patience_s`` [s] for a server that restarts.
     """
-    # The server enforces the deadline. The client's deadline is longer and only takes effect if the server fails. The
-    # first answer may have to wait until the weights are loaded.
+    # The server enforces the deadline. The client's deadline is longer, and matters only if the server fails. The first
+    # answer may have to wait until the weights have been loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
 def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
-    """Main function of a host process: serve a policy until the process is ended.
+    """Main function of a host process: serve a policy until the other end of ``pipe`` is closed.
 
-    ``run`` has the action space, the observation preset, the world whose conventions are used with a server, and the
-    control rate [Hz]. A ``port`` of 0 means any free port. The policy's declarations and the port, or an error, are
-    sent to ``pipe``. The process ends when the other end is closed.
+    ``run`` contains the action space, the observation preset, the benchmark whose conventions apply (such as "libero",
+    or empty), and the control rate [Hz]. Port 0 stands for any free port. The description of the policy and the port,
+    or an error, are sent to ``pipe``.
     """
     prepare_process()
     space, observation, world, rate_hz = run
@@ -171,7 +178,7 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
 
 
 def exit_hung() -> None:
-    """Notify the clients and end this process, because a hanging call of a policy cannot be ended otherwise."""
+    """Notify the clients, then end this process, because a policy call that hangs cannot be ended in any other way."""
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 

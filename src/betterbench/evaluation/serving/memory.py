@@ -1,4 +1,4 @@
-"""Release of freed memory, for servers that run for weeks."""
+"""Returns freed memory to the operating system, which matters for servers that run for weeks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import gc
 
 
 def return_memory() -> None:
-    """Return freed memory to the system. By default, glibc's allocator keeps it. Other allocators are not affected."""
+    """Return freed memory to the operating system. By default, glibc's allocator would keep it.
+
+    Other allocators are not affected.
+    """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

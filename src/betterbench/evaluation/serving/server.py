@@ -1,4 +1,4 @@
-"""Policy server with the openpi protocol, for the workers of a run and other clients."""
+"""Policy server with openpi's protocol, for the workers of a run and for other clients."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.version import __version__
 
-if TYPE_CHECKING:  # keeps the import of tasks out of the host process
+if TYPE_CHECKING:  # so that the host process does not import the tasks
     from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
 WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
-"""Number of actions per reply of an expert. openpi's single-arm policies send 5 to 16, at 10 to 20 Hz."""
+"""Number of actions in a reply of an expert. openpi's single-arm policies send 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
 MOST_CLIENTS = 10_000
 KEPT_INSTANCES = 1
-"""Number of idle policy instances that are kept for new clients."""
+"""Number of unused policy instances that are kept for new clients."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""Rule by which a server detects the start of an episode, for which the protocol has no message."""
+"""Rule by which the server detects the start of an episode, since the protocol has no message for it."""
 
 
 def open_server(
@@ -57,38 +57,42 @@ def open_server(
     made: Policy | None = None,
     deadline: Deadline | None = None,
 ) -> PolicyServer:
-    """Return a policy server that is bound to its port and accepts requests after ``start``.
+    """Create a policy server. It is bound to its port, and accepts requests after ``start`` has been called.
 
     Args:
-        policy: Policy address.
+        policy: Address of the policy.
         host: Interface to listen on.
-        port: Port to listen on; 0 for any free one.
-        chunk: Number of actions per reply of an expert.
-        batch: Maximum number of observations in one call to a policy that supports batches.
-        clients: Maximum simultaneous clients, not counting a run's workers.
-        trial: Trial for clients that do not send one. If None, an expert finds the trial by the instruction.
-        robot: Robot of an expert's clients.
-        layout: Preset of an expert's requests and replies; None for native and openpi's LIBERO layout.
+        port: Port to listen on. 0 selects any free port.
+        chunk: Number of actions in a reply of an expert.
+        batch: Maximum number of observations in one call of a policy that supports batches.
+        clients: Maximum number of simultaneous clients. Workers of a run do not count as clients.
+        trial: Trial for clients that do not name a trial. If it is None, the server of an expert finds the trial by its
+            instruction.
+        robot: Robot that the clients of an expert use.
+        layout: Preset that describes the requests to an expert and the replies. If it is None, clients may use the
+            native layout and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
-        made: Existing policy that the server will close, or None.
-        deadline: Deadline of a reply if the clients are workers of a run; None for other clients.
+        made: Policy instance to serve. The server closes it. If it is None, the server creates an instance.
+        deadline: Deadline for replies if the clients are workers of a run, otherwise None.
 
     Raises:
-        InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
-            damaged, or the port is not available.
-        UnknownNameError: If no such policy, task, condition or preset exists.
+        InvalidInputError: If an option is out of range, if the policy cannot be served, if a checkpoint is missing or
+            damaged, or if the port is not available.
+        UnknownNameError: If the policy, task, condition or preset does not exist.
     """
     if not 1 <= chunk <= MAX_CHUNK:
-        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give a number from 1 to {MAX_CHUNK}")
+        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Use a number from 1 to {MAX_CHUNK}")
     if not 1 <= batch <= 1024:
-        raise InvalidInputError("--batch", f"{batch} is out of range", "Give a number from 1 to 1024")
+        raise InvalidInputError("--batch", f"{batch} is out of range", "Use a number from 1 to 1024")
     if not 1 <= clients <= MOST_CLIENTS:
-        raise InvalidInputError("--clients", f"{clients} is out of range", f"Give a number from 1 to {MOST_CLIENTS}")
+        raise InvalidInputError("--clients", f"{clients} is out of range", f"Use a number from 1 to {MOST_CLIENTS}")
     kind = kind_of(policy)
     needs = kind.needs_of(policy)
     if needs.trial:
         raise InvalidInputError(
-            f"policy {policy}", "a replay policy belongs to one trial, so it cannot be served", "Evaluate it directly"
+            f"policy {policy}",
+            "a replay policy belongs to one trial, so it cannot be served",
+            "Evaluate it with better eval",
         )
     if trial is not None:
         from betterbench.tasks.interventions import resolve_condition  # noqa: PLC0415 - a run's host needs no tasks
@@ -98,11 +102,11 @@ def open_server(
         raise InvalidInputError(
             "--layout",
             f"{policy} is not an expert, so it supports only the layouts native and openpi_libero",
-            "Leave it out",
+            "Omit --layout",
         )
-    kind.describe(kind.parse(policy))  # report a missing checkpoint now instead of to the first client
+    kind.describe(kind.parse(policy))  # so that a missing checkpoint is reported now, not to the first client
     if needs.state:
-        # with MuJoCo, which only an expert needs
+        # Imported here because it imports MuJoCo, which only an expert needs.
         from betterbench.evaluation.serving.shadow import ShadowSimulations  # noqa: PLC0415
         from betterbench.evaluation.serving.shadow_sessions import ShadowSession, require_layout  # noqa: PLC0415
 
@@ -152,17 +156,17 @@ def _shadow_metadata(
 
 
 class SessionStore:
-    """Instances of a policy. There is one for all connections if it supports batches, otherwise one for each.
+    """Store of policy instances. If the policy supports batches, all connections share one instance.
 
-    When a connection ends, its instance is reused for the next connection, so that weights are not loaded again when a
-    client reconnects. At most :data:`KEPT_INSTANCES` idle instances are kept. A new connection always begins with a
-    reset.
+    Otherwise, each connection has its own instance. When a connection ends, its instance is used for the next
+    connection, so that weights need not be loaded again when a client reconnects. At most :data:`KEPT_INSTANCES` unused
+    instances are kept. A new connection always begins with a reset of the policy.
     """
 
     def __init__(
         self, address: str, first: Policy, *, batch: int, trial: TrialId | None, deadline: Deadline | None = None
     ) -> None:
-        """Store the first instance of the policy. ``deadline`` is only given if the clients are workers of a run."""
+        """Store the first instance of the policy. ``deadline`` is given only if the clients are workers of a run."""
         self._address, self._trial, self._deadline = address, trial, deadline
         self._shares = isinstance(first, BatchPolicy)
         self._batch = batch if self._shares else 1
@@ -205,7 +209,7 @@ class SessionStore:
         return_memory()
 
     def close(self) -> None:
-        """Close the idle instances. Sessions close their instances when they end."""
+        """Close the unused instances. The other instances are closed when their sessions end."""
         with self._lock:
             self._closed, unused = True, list(self._unused)
             self._unused = unused if self._shares else []
@@ -224,15 +228,22 @@ def declare(
     cameras: tuple[str, ...] | None = None,
     expert: bool = False,
 ) -> dict[str, Any]:
-    """Return the metadata frame of a server.
+    """Return the metadata that the server sends to each client when it connects.
 
-    ``batch`` is the maximum number of observations in one call, and ``more`` contains further facts for clients.
-    ``cameras`` are the cameras that the policy uses, None for all. ``expert`` means that the server simulates the
-    client's trial, so betterbench's own clients name the trial.
+    Args:
+        policy: Address of the policy.
+        space: Action space of the policy.
+        needs_images: Whether the policy uses images.
+        batch: Maximum number of observations in one call of the policy.
+        more: Further facts for clients.
+        execution: How clients execute action chunks.
+        cameras: Cameras that the policy uses, or None for all cameras.
+        expert: Whether the policy is an expert, for which the server simulates the client's trial. If so, betterbench's
+            own clients name the trial in their requests.
     """
     return {
         "betterbench": {
-            **more,  # first, so that the policy's metadata cannot override conventions
+            **more,  # comes first, so that it cannot override conventions
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],

@@ -1,4 +1,4 @@
-"""Sessions of the server, one per connection, for policies that use observations."""
+"""Sessions of the policy server for policies that use observations. Each connection has its own session."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from betterbench.interface import EpisodeStart, Policy, episode_number
 from betterbench.interface.actions import action_space
 from betterbench.policies.conventions.request import Request, read_request
 
-if TYPE_CHECKING:  # keeps the import of tasks out of the host process
+if TYPE_CHECKING:  # so that the host process does not import the tasks
     from betterbench.tasks import TrialId
 
 
 class PolicySession:
-    """Session for a client of a policy that uses observations."""
+    """Session of a client, for a policy that uses observations."""
 
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Open a session with its own policy instance, or with a policy that answers each observation independently.
+        """Open a session. The policy must belong to this session alone, or answer each observation independently.
 
-        ``trial`` gives the episode number if a client does not send one. ``within`` is True for a run's workers, whose
-        records contain the error messages.
+        ``trial`` gives the episode number if a client does not send one. ``within`` is True if the client is a worker
+        of a run. Error messages are then written to the records of the run.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
@@ -67,13 +67,13 @@ class PolicySession:
         return {"actions": np.ascontiguousarray(actions, dtype=np.float64)}
 
     def close(self) -> None:
-        """Call ``on_close``."""
+        """Close the session by calling the function ``on_close``."""
         if self._on_close is not None:
             self._on_close()
 
 
 class Counter:
-    """Counter of a client's control steps. It also detects the start of an episode."""
+    """Counter of the control steps of a client, which also detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -81,7 +81,10 @@ class Counter:
         self.begins = False
 
     def step(self, request: Request, episode: object) -> int:
-        """Return the control step of a request and set ``begins``. ``episode`` is different in each episode."""
+        """Return the control step of a request. Set ``begins`` to whether the request begins an episode.
+
+        ``episode`` is a value that differs from episode to episode.
+        """
         key = (episode, request.instruction)
         self.begins = key != self._episode or request.step == 0
         if self.begins:
@@ -91,12 +94,18 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Note that ``count`` actions were sent from ``step`` on. A client without steps executes all of them."""
+        """Remember that ``count`` actions were sent for the steps that begin with ``step``.
+
+        A client that does not send its step number is assumed to execute all of these actions.
+        """
         self._next = step + count
 
 
 def check_space(start: EpisodeStart, space: str, who: str) -> None:
-    """Raise InvalidInputError if the client's action space differs from that of ``who``, the served policy."""
+    """Raise InvalidInputError if the action space of the client is not that of the served policy.
+
+    ``who`` is the name of the policy in the error message.
+    """
     if start.action_space != space:
         raise InvalidInputError(
             "better/episode: action_space",

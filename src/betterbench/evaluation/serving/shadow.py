@@ -1,9 +1,11 @@
-"""Shadow simulations: a served expert simulates a copy of the client's scene, because clients send only observations.
+"""Shadow simulations: for each client of a served expert, the server simulates a copy of the client's scene.
 
-A trial is a pure function of its id: on the same machine, the same task, condition, seed and actions give bit-identical
-states. A shadow simulation therefore needs only the control step from its client. A client that executes only a part of
-a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. The measurements of the
-client are compared with the state of the shadow simulation, to detect a client that executed other actions.
+This is necessary because the expert needs the state of the scene, but clients send only observations. The ID of a trial
+determines the trial completely: on the same kind of machine, the same task, condition, seed and actions give
+bit-identical states. Therefore, a client only has to send its control step. A client that executes only a part of a
+chunk, repeats a request, or reconnects (even to a server that has been restarted) gets the same actions. The client's
+measurements are compared with the state of the shadow simulation, in order to notice if the client has executed other
+actions.
 """
 
 from __future__ import annotations
@@ -35,36 +37,41 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 TOLERANCE = 1e-6
-"""Maximum difference between client and shadow: joint angles [rad], end effector [m] and gripper width [m]."""
+"""Largest difference that is allowed between the client and the shadow simulation: joint angles [rad], end-effector
+position [m] and gripper width [m].
+"""
 KEPT = 64
-"""Maximum number of simulations per server. Each takes 20 MB. The oldest ones are dropped, and repeated when needed."""
+"""Largest number of simulations per server.
+
+Each takes 20 MB. The oldest ones are dropped, and are run again when needed.
+"""
 SPARE = 4
-"""Number of simulations kept for clients that reconnect, in addition to one per client."""
+"""Number of simulations that are kept for clients that reconnect, in addition to one per connected client."""
 
 
 def require_within(trial: TrialId, step: int, step_limit: int) -> None:
-    """Raise InvalidInputError if the trial has ended before a control step."""
+    """Raise InvalidInputError if the requested control step is after the end of the trial."""
     if step >= step_limit:
         raise InvalidInputError(
             "better/step",
-            f"{trial} ends after {step_limit} steps, but step {step} is requested",
-            "Begin a new episode with a new connection, another prompt, or better/step 0",
+            f"{trial} ends after {step_limit} steps, but step {step} was requested",
+            "Begin a new episode by opening a new connection, sending another prompt, or sending better/step 0",
         )
 
 
 class ShadowSimulation:
-    """Simulation of a trial with a privileged policy, up to the last requested step."""
+    """Simulation of a trial with a privileged policy. It has advanced to the last step that was requested."""
 
     def __init__(self, policy: str, trial: TrialId, *, robot: str = USUAL_ROBOT) -> None:
-        """Build and reset the scene. The policy uses the robot's usual action space.
+        """Build the scene and reset it. The policy uses the standard action space of the robot.
 
         Raises:
-            UnknownNameError: If no such policy, task or condition exists.
-            PolicyError: If the scene contradicts the instruction's premise.
+            UnknownNameError: If the policy, task or condition does not exist.
+            PolicyError: If the scene contradicts what the instruction assumes.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition
-        # physics does not depend on the render quality, so the client may use another preset
+        # The rendering quality does not affect the physics, so the client may use another one.
         self._scene = Scene(
             found.task,
             found.condition,
@@ -87,15 +94,14 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return the policy's actions from a control step on, (1 to ``count``, dim).
+        """Return up to ``count`` actions of the policy, beginning with a control step, as an array (n, dim).
 
-        If the policy fails at a later step, only the actions before the failure are returned.
-
-        ``seen`` contains the client's measurements at this step, for comparison.
+        If the policy fails at a later step, only the actions before the failure are returned. ``seen`` contains the
+        client's measurements at the control step, which are compared with the simulation.
 
         Raises:
-            InvalidInputError: If the trial has ended by that step.
-            PolicyError: If the client's state differs from the shadow's, or the policy fails.
+            InvalidInputError: If the trial has ended before that step.
+            PolicyError: If the client's state differs from that of the simulation, or if the policy fails.
         """
         require_within(self.trial, step, self.step_limit)
         with self._lock:
@@ -125,10 +131,11 @@ class ShadowSimulation:
         )
 
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
-        """Convert ``ee_delta`` actions executed from a control step on, (n, 7), to another action space, (n, dim).
+        """Convert ``ee_delta`` actions (n, 7) to another action space. Return an array (n, dim).
 
-        The converted actions command the same poses and joint angles one step later. Actions in the same space are
-        returned unchanged.
+        The actions are those that are executed from the given control step on. A converted action commands the same
+        pose or joint angles for the end of its control step as the original action. If the action space is the same,
+        the actions are returned unchanged.
         """
         if space == self._scene.action_space.name:
             return actions
@@ -150,10 +157,10 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Simulate until ``until`` actions are known.
+        """Continue the simulation until the number of known actions is ``until``.
 
-        If the policy fails earlier, its error is raised only if action ``needed`` is missing, or any action if
-        ``needed`` is None.
+        If the policy fails before that, its error is raised only if the action with the index ``needed`` is missing. If
+        ``needed`` is None, the error is always raised.
         """
         while len(self._actions) < until and self._end is None:
             try:
@@ -174,9 +181,9 @@ class ShadowSimulation:
         if len(seen.joint_positions) != len(here.joint_positions):
             raise InvalidInputError(
                 "better/joint_positions",
-                f"the client's robot has {len(seen.joint_positions)} joints, the served {self._spec.title} has "
-                f"{len(here.joint_positions)}",
-                "Serve and evaluate with the same --robot",
+                f"the client's robot has {len(seen.joint_positions)} joints, but the served {self._spec.title} "
+                f"has {len(here.joint_positions)}",
+                "Use the same --robot for serving and evaluating",
             )
         joint = float(np.abs(seen.joint_positions - here.joint_positions).max())
         fingers = abs(seen.gripper_width - here.gripper_width)
@@ -185,9 +192,9 @@ class ShadowSimulation:
             return
         tool = float(np.linalg.norm(seen.ee_position - here.ee_position))
         raise PolicyError(
-            f"{self.trial} step {step}: the client's robot is not where the answered actions lead (the joints differ "
-            f"by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} m). The client "
-            "executed actions that were not in the answers, or runs another version or on another kind of CPU"
+            f"{self.trial} step {step}: the client's robot is not where the returned actions lead (the joints "
+            f"differ by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} "
+            "m). The client executed other actions, or uses a different version of betterbench or another kind of CPU"
         )
 
 
@@ -214,18 +221,18 @@ def _measure(state: WorldState) -> _Measurement:
 
 
 class ShadowSimulations:
-    """The shadow simulations of one served policy, by trial."""
+    """Shadow simulations for the clients of one served policy, with one simulation per trial."""
 
     def __init__(self, policy: str, *, robot: str = USUAL_ROBOT) -> None:
         self._policy, self._robot = policy, robot
         self.action_space = robot_space(robot)
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
         self._clients = 0
-        # building a scene fills caches that all scenes share
+        # Building a scene fills caches that all scenes share.
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow simulation of a trial, and create it if it does not exist."""
+        """Return the shadow simulation of a trial. It is created if it does not exist."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:
@@ -235,12 +242,12 @@ class ShadowSimulations:
             return shadow
 
     def client_came(self) -> None:
-        """Register a client."""
+        """Count a new client."""
         with self._lock:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Unregister a client, and drop surplus simulations."""
+        """Note that a client has left, and drop simulations that are no longer needed."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()
@@ -248,7 +255,7 @@ class ShadowSimulations:
             return_memory()
 
     def _drop_oldest(self) -> bool:
-        """Drop surplus simulations, and return whether there were any. The caller must hold the lock."""
+        """Drop simulations that are no longer needed. Return whether any was dropped. The caller must hold the lock."""
         most = min(KEPT, self._clients + SPARE)
         dropped = len(self._kept) > most
         while len(self._kept) > most:

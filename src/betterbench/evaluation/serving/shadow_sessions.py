@@ -1,4 +1,4 @@
-"""Sessions of the server for clients of an expert. The expert uses shadow simulations."""
+"""Sessions for the clients of an expert. The sessions get the expert's actions from shadow simulations."""
 
 from __future__ import annotations
 
@@ -23,18 +23,22 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Maximum difference between equal states [m, rad]. They may differ slightly because clients send float32."""
+"""Largest difference between states that count as equal [m, rad].
+
+They may differ slightly, since clients send float32.
+"""
 ASTRAY = 1e-3
-"""Difference above which the client did not execute the actions it received [m, rad]."""
+"""Difference above which a client has not executed the actions that it received [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
-"""States of a request, each as (size,)."""
+"""States in a request, each with its values as (size,)."""
 
 
 class ShadowSession:
-    """Session for a client of an expert.
+    """Session of a client of an expert.
 
-    It identifies trial and step, and gets the actions from a shadow simulation.
+    The session determines the client's trial and control step, and gets the actions from the shadow simulation of this
+    trial.
     """
 
     def __init__(
@@ -43,10 +47,11 @@ class ShadowSession:
         """Store the settings.
 
         Args:
-            shadows: The simulations of all clients.
-            chunk: Maximum actions in one answer.
-            trial: Trial of a client that does not send one, or None to find the trial by the instruction.
-            layout: Layout of requests and answers; None for native and openpi's LIBERO layout.
+            shadows: Shadow simulations of all clients.
+            chunk: Maximum number of actions in one reply.
+            trial: Trial of a client that does not name a trial. If it is None, the trial is found by its instruction.
+            layout: Layout of requests and replies. If it is None, clients may use the native layout and openpi's LIBERO
+                layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
         self._counter = Counter()
@@ -62,13 +67,13 @@ class ShadowSession:
         if request.start is not None:
             check_space(request.start, self._shadows.action_space, "this expert")
         trial = request.trial or self._fixed or trial_of(request.instruction)
-        # check the message first, because building a scene takes a hundred times as long
+        # The message is checked first, since building a scene takes a hundred times as long.
         found = resolve_condition(trial.task, trial.condition)
         instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
             raise PolicyError(
-                f"{trial}: the client's instruction is {request.instruction[:200]!r}, but this server's is "
-                f"{instruction!r}. Client and server have different versions"
+                f"{trial}: the client's instruction is {request.instruction[:200]!r}, but this server's instruction is "
+                f"{instruction!r}. Client and server have different versions of betterbench"
             )
         if request.step is not None:
             require_within(trial, request.step, found.task.step_limit(found.condition))
@@ -84,16 +89,16 @@ class ShadowSession:
         return layout.reply(shadow.in_space(layout.answer.space, step, actions), shadow.observation(step))
 
     def close(self) -> None:
-        """Close the connection. A few shadow simulations are kept for clients that reconnect."""
+        """End the session. A few shadow simulations are kept for clients that reconnect."""
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step of a client: the one it sent, the last chunk's end, or an earlier step of that chunk.
+        """Return the control step at which a client is.
 
-        Many clients only execute some of the received actions, or repeat a request before executing any. For a client
-        that does not send its step, its state relative to the start of the episode determines the step in the chunk.
-
-        Raises PolicyError if no step matches.
+        If the client sends its control step, this is the result. Otherwise, it is the end of the last chunk or a step
+        within that chunk, because many clients execute only some of the received actions, or repeat a request before
+        they execute any. The step within the chunk is found by comparing states, each relative to the state at the
+        start of the episode. Raises PolicyError if no step matches.
         """
         if self._counter.begins or self._start is None:
             self._start = (shadow.observation(step), states)
@@ -111,24 +116,25 @@ class ShadowSession:
             return self._chunk_began
         if min(gaps) > ASTRAY:
             raise PolicyError(
-                f"{shadow.trial} step {step}: the client's robot is not where the answered actions lead (its state "
-                f"differs by {min(gaps):.3g} m or rad). The client executed actions that were not in the answers, or "
-                "sends another robot's state; a client without a state must send zeros"
+                f"{shadow.trial} step {step}: the client's robot is not where the returned actions lead (its "
+                f"state differs by {min(gaps):.3g} m or rad). The client executed other actions, or sends the "
+                "state of another robot; a client without a state must send zeros"
             )
         return step
 
 
 def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
-    """Return the difference between the states of a client and an observation, relative to the start of the episode.
+    """Return how much a client's states and a simulated observation differ, both relative to the start of the episode.
 
-    This is the maximum difference of all numbers [m, rad]. Rotation vectors are compared as rotations.
+    The result is the largest difference between two corresponding numbers [m, rad]. Rotation vectors are compared as
+    rotations.
 
     Args:
         states: States sent by the client.
-        seen: The observation.
-        first: The observation at the start.
-        states_then: States that the client sent at the start.
-        layout: Adapter that defines the numbers of a state.
+        seen: Simulated observation.
+        first: Simulated observation at the start of the episode.
+        states_then: States that the client sent at the start of the episode.
+        layout: Adapter that defines the meaning of the numbers in a state.
     """
     worst = 0.0
     then = {rule.key: sent for rule, sent in states_then}
@@ -146,14 +152,14 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
 
 
 def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
-    """Return the rotation from one rotation vector, (3,), to another, in the base frame."""
+    """Return the rotation, in the base frame, that leads from one rotation vector (3,) to another."""
     return turn_between(from_axis_angle(before.tolist()), from_axis_angle(now.tolist()))
 
 
 def trial_of(instruction: str) -> TrialId:
-    """Return the first training condition of the suite with an instruction, as a trial with seed 0.
+    """Return the trial with seed 0 of the first training condition that has the given instruction.
 
-    Raises InvalidInputError, with the closest instructions, if no training condition has this instruction.
+    Raises InvalidInputError, which names the closest instructions, if no training condition has this instruction.
     """
     conditions: dict[str, Condition] = {}
     for task in all_tasks():
@@ -174,11 +180,11 @@ def trial_of(instruction: str) -> TrialId:
 
 
 def require_layout(layout: Adapter, robot: str, own_space: str) -> None:
-    """Raise InvalidInputError if a layout does not support the robot's own action space."""
+    """Raise InvalidInputError if a layout cannot be used for a robot that is served in the given action space."""
     space, spec = layout.answer.space, robot_named(robot)
     if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
         raise InvalidInputError(
             "--layout",
-            f"{layout.name} uses the action space {space!r}, but the {spec.title} is served in {own_space!r}",
-            "Give a layout with this action space, or leave out --layout",
+            f"{layout.name} uses the action space {space!r}, but the {spec.title} is served with {own_space!r}",
+            "Choose a layout with this action space, or omit --layout",
         )

@@ -1,4 +1,4 @@
-"""Evaluation of a policy instance that the caller passes, in this process."""
+"""Evaluation of a policy object that the caller passes to the run. The object is used only in this process."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Requirements of a policy instance: its own thread, because its latency is unknown."""
+"""Needs of a policy object: a thread of its own, because nobody knows how long its answers take."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Policy factory that always returns the caller's instance, under its declared name.
+    """Policy factory that always returns the caller's policy object. The policy has the name that the object declares.
 
-    The instance gets one observation at a time, even if it supports batches. The caller closes it.
+    The object gets one observation at a time, even if it supports batches. The caller closes the object.
     """
 
     def __init__(self, policy: Policy) -> None:
-        """Check the instance.
+        """Check the policy object.
 
         Raises:
-            InvalidInputError: If the object is not a policy, or its name is the address of a built-in policy or a
-                server.
+            InvalidInputError: If the object is not a policy, or if its name is empty or is the address of a built-in
+                policy or of a server.
         """
         require_policy(policy, "policy")
         name = policy.info.name
         if not name or find_kind(name) is not None:
             problem = f"the name {name!r} is an address of betterbench" if name else "the name is empty"
             raise InvalidInputError(
-                "policy", problem, "Give its PolicyInfo another name, or pass the address as a string"
+                "policy", problem, "Use another name in its PolicyInfo, or pass the policy address as a string"
             )
         made = type(policy)
         super().__init__(name, kind=kind_of_callers(name, lambda: source_of(f"{made.__module__}:{made.__qualname__}")))
@@ -47,11 +47,13 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return the policy kind of a caller's instance. It is not registered, because other processes cannot create it.
+    """Create a policy kind for the caller's policy object.
+
+    The kind is not registered, because other processes cannot create the object.
 
     Args:
-        name: Name that the policy declares, with only characters that are valid in addresses.
-        source: Function that returns name and SHA-256 of the policy's file, or "".
+        name: Name that the policy declares. It may contain only characters that are valid in addresses.
+        source: Function that returns the name and SHA-256 of the file that contains the policy, or an empty string.
     """
     form = AddressForm(scheme=name, example=name, target="none")
     return PolicyKind(
@@ -65,13 +67,16 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return the requirements of a plan's policy. A name without a kind is a caller's instance."""
+    """Return what the policy of a plan needs.
+
+    If no policy kind has this name, the policy is an object that the caller has passed to the run.
+    """
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:
-    """Wrapper of a policy that ignores ``close``."""
+    """Wrapper around a policy that does not close the policy when it is closed itself."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

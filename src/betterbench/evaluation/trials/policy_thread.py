@@ -1,4 +1,4 @@
-"""Thread that waits for a policy while the simulation continues."""
+"""Thread that waits for the policy's answers, so that the simulation of other trials can continue meanwhile."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from betterbench.interface.state import WorldState
 from betterbench.policies.factory import close_policy
 from betterbench.policies.process.policy_process import PolicyProcess
 
-if TYPE_CHECKING:  # keeps the import of tasks out of the host process
+if TYPE_CHECKING:  # so that the host process does not import the tasks
     from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """Outcome of a request.
+    """Outcome of a request to the policy.
 
     Attributes:
-        ticket: Number that :meth:`PolicyThread.ask` returned.
-        outcome: Reply or exception; None after a successful :meth:`PolicyThread.connect`.
-        figures: Counts of the policy's connection since the start of the episode (retries, reconnects), by name.
-        wire_s: CPU time of this process for messages: resizing, packing and sending images, and reading the reply [s].
+        ticket: Number that :meth:`PolicyThread.ask` returned for the request.
+        outcome: Reply or exception. None after a successful :meth:`PolicyThread.connect`.
+        figures: Numbers of retries and reconnects of the policy's connection since the start of the episode, by name.
+        wire_s: CPU time that this process spent on the messages of this request: resizing, packing and sending images,
+            and reading the reply [s].
     """
 
     ticket: int
@@ -42,7 +43,7 @@ class Answered:
 class PolicyThread:
     """Thread that sends requests to a policy, one at a time.
 
-    The thread creates the policy at the first request, so that loading does not block the simulation.
+    The policy is created in this thread at the first request, so that loading it does not stop the simulation.
     """
 
     def __init__(
@@ -55,9 +56,9 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        If ``make`` fails, it is called again at the next request. With ``client``, the policy is one of betterbench's
-        own clients of a server. Its requests are then counted. It is also told the trial, which it only sends to the
-        server of an expert.
+        If ``make`` fails, it is called again at the next request. ``client`` is True if the policy is one of
+        betterbench's own clients of a policy server. Its retries are then counted, and it is told the ID of each trial,
+        which it sends only to the server of an expert.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -66,50 +67,53 @@ class PolicyThread:
             tuple[int, EpisodeStart | Observation | WorldState | None, TrialId | None] | None
         ]
         self._inbox = queue.SimpleQueue()
-        # a daemon thread, so that a hanging policy does not keep the process alive
+        # This is a daemon thread, so that a policy that hangs does not keep the process alive.
         self._thread = threading.Thread(target=self._work, name="policy", daemon=True)
         self._thread.start()
 
     def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
-        """Send a request, and return the ticket of its reply in the outbox."""
+        """Send a request. Return a ticket, which identifies the reply when it appears in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
 
     def connect(self) -> int:
-        """Create the policy without a request, and return the ticket of the outcome in the outbox."""
+        """Create the policy without sending a request. Return a ticket, which identifies the outcome in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, None, None))
         return ticket
 
     @property
     def ready_at(self) -> float:
-        """Time at which the policy is ready, from ``time.perf_counter`` [s].
+        """Time at which the policy is ready [s], as measured by ``time.perf_counter``.
 
-        The value is infinite until the policy is loaded.
+        Infinite until the policy is loaded.
         """
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Use a new process for the next episode, if the policy has its own process. Called after a failed trial."""
+        """Use a new process for the next episode, because a trial has failed.
+
+        This affects only a policy that runs in a separate process.
+        """
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
     def dismiss(self) -> None:
-        """End the thread and close the policy after the current request."""
+        """End the thread after the current request, and close the policy."""
         self._inbox.put(None)
 
     def cut(self) -> None:
-        """Close the policy from another thread to end its current request.
+        """Close the policy from another thread, which ends the current request.
 
-        Only our own clients and policies in separate processes support this.
+        Only betterbench's own clients, and policies in separate processes, support this.
         """
         if self._policy is not None:
             with contextlib.suppress(Exception):
                 close_policy(self._policy)
 
     def join(self, timeout_s: float) -> bool:
-        """Wait up to ``timeout_s`` [s] for the thread after :meth:`dismiss`, and return whether it has ended."""
+        """After :meth:`dismiss`, wait up to ``timeout_s`` [s] for the thread. Return whether it has ended."""
         self._thread.join(max(0.0, timeout_s))
         return not self._thread.is_alive()
 
@@ -135,30 +139,36 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Tell one of our own clients the next trial. Do not call this for a user's policy."""
+    """Tell a client of a policy server which trial comes next.
+
+    This is only for betterbench's own clients, not for a user's policy.
+    """
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
 
 
 def ready_at(policy: object) -> float:
-    """Return the time from which a policy is ready, as reported by its process [s]."""
+    """Return the time at which a policy became ready [s], as reported by the client of the policy's process."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
 
 def shared_cost_s(policy: object) -> float:
-    """Return the CPU time that another thread spent on messages of a shared policy [s]."""
+    """Return the CPU time that another thread has spent on messages of a shared policy [s]."""
     cost = getattr(policy, "cost_s", 0.0)
     return cost if isinstance(cost, float) else 0.0
 
 
 def no_answer(limit_s: float) -> PolicyError:
-    """Return the error for a policy that missed a deadline [s]."""
+    """Create the error for a policy that did not answer within ``limit_s`` [s]."""
     return PolicyError(f"the policy did not answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return the counts of a client's connection by name; empty for a policy without a connection."""
+    """Return the counts of a client's connection (retries, reconnects) by name.
+
+    The result is empty for a policy without a connection.
+    """
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -1,4 +1,4 @@
-"""Policy shared by many connections, with batched requests and a deadline."""
+"""Policy that several connections share. It answers their requests in batches and has a deadline for each batch."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from betterbench.policies.batching import BatchCollector
 from betterbench.policies.factory import close_policy
 
 POLICY_TIMEOUT_S = 300.0
-"""Default deadline of a reply of a policy in this process [s]."""
+"""Default deadline for the reply of a policy in this process [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """Deadline for a policy that the run itself serves."""
+    """Deadline for the answers of a policy that the run itself serves."""
 
     limit_s: float
-    """Maximum time from request to reply [s]."""
+    """Longest time from a request to the reply [s]."""
     on_hang: Callable[[], None]
-    """Function called when the deadline has passed. A hanging call can only be ended together with its process."""
+    """Function that is called when the deadline has passed.
+
+    A call that hangs can be ended only together with its process.
+    """
 
 
 class SharedPolicy:
-    """Policy for all connections. It processes all pending requests in one batch.
+    """Policy that all connections share. It answers all pending requests in one batch.
 
-    A single thread calls the policy. A policy without support for batches gets one observation at a time.
+    The policy is called by a single thread. A policy that does not support batches gets one observation at a time.
     """
 
     def __init__(
@@ -43,23 +46,29 @@ class SharedPolicy:
     ) -> None:
         """Start the thread.
 
-        ``batch`` is the maximum number of observations in one call; for ``expected`` see
-        :class:`~betterbench.policies.batching.BatchCollector`.
+        ``batch`` is the maximum number of observations in one call. ``expected`` returns how many requests may be
+        pending at the same time, as in :class:`~betterbench.policies.batching.BatchCollector`.
         """
         self._policy, self._deadline = policy, deadline
         self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch, expected=expected)
 
     def seat(self) -> Policy:
-        """Return the policy for one connection."""
+        """Return a policy object for one connection. It passes its requests on to the shared policy."""
         return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop the thread, within ``timeout_s`` [s] if given, and close the policy unless it hangs."""
+        """Stop the thread. Close the policy as well, unless it hangs.
+
+        If ``timeout_s`` [s] is given, wait at most this long.
+        """
         if self._collector.close(timeout_s=timeout_s):
             close_policy(self._policy)
 
     def cut(self) -> None:
-        """Close the policy during a call to end the call. Only a policy in a separate process supports this."""
+        """Close the policy during a call, which ends the call.
+
+        Only a policy in a separate process supports this.
+        """
         close_policy(self._policy)
         self._collector.close(timeout_s=0.0)
 
@@ -72,7 +81,7 @@ class SharedPolicy:
             answers = self._policy.act_batch([observation for _, observation in asked])
         else:
             answers = [self._policy.act(observation) for _, observation in asked]
-        # copied, because a policy may overwrite the array before other threads have read it
+        # The answers are copied, because a policy may overwrite the array before other threads have read it.
         copies = [np.array(answer) for answer in answers]
         cost_s = (time.thread_time() - began) / max(1, len(asked))
         return [_Given(actions, cost_s) for actions in copies]
@@ -80,18 +89,18 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """Reply, with its share of the CPU time of the batch [s]."""
+    """Reply to one request, with the part of the batch's CPU time [s] that is attributed to this request."""
 
     actions: np.ndarray
     cost_s: float
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
-"""The episode that begins with an observation (or None), and the observation."""
+"""Episode that begins with the observation, or None if none begins, and the observation."""
 
 
 class _SharedClient:
-    """Client of a shared policy, for one connection."""
+    """Policy as one connection sees it, which passes requests on to the shared policy."""
 
     def __init__(
         self, policy: Policy, collector: BatchCollector[_Asked, _Given], deadline: Deadline | None = None
@@ -100,15 +109,18 @@ class _SharedClient:
         self._policy, self._collector, self._deadline = policy, collector, deadline
         self._start: EpisodeStart | None = None
         self.cost_s = 0.0
-        """CPU time for messages of this connection so far, as a share of its batches [s]."""
+        """CPU time that messages of this connection have taken so far [s].
+
+        The time of a batch is divided among its requests.
+        """
 
     @property
     def ready_at(self) -> float:
-        """Time from which the shared policy is ready, by ``time.perf_counter`` [s]."""
+        """Time at which the shared policy became ready [s], as measured by ``time.perf_counter``."""
         return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode. The policy itself is reset together with the first observation."""
+        """Begin an episode. The policy itself is reset when it gets the first observation."""
         self._start = start
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -123,7 +135,7 @@ class _SharedClient:
             )
         except TimeoutError:
             if deadline is None:
-                raise  # the policy itself has a deadline, too
+                raise  # the policy itself has a deadline
             deadline.on_hang()
             raise no_answer(deadline.limit_s) from None
         self.cost_s += given.cost_s

@@ -1,4 +1,4 @@
-"""Execution of a trial in a worker: build the scene, run the episode and write the record."""
+"""Execution of a trial in a worker: the scene is built, the episode is run, and the record is written."""
 
 from __future__ import annotations
 
@@ -42,32 +42,37 @@ logger = logging.getLogger(__name__)
 _SPARE_RENDERERS = 3
 
 TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
-"""Generator that runs a trial. It yields requests to the policy, like :data:`betterbench.episodes.Steps`, and returns
-the journal entry.
+"""Generator that runs a trial.
+
+Like :data:`betterbench.episodes.Steps`, it yields requests to the policy. It returns the journal entry of the trial.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """Settings of all trials of a run, picklable for sending to workers.
+    """Settings that apply to all trials of a run. They can be pickled and sent to workers.
 
     Attributes:
         run: Run folder.
-        policy: Policy address, as in the records.
-        envs: Number of environments of a worker, or the initial number.
-        policy_timeout_s: Deadline for one answer of a policy in the worker process [s]. Servers have their own
-            deadline.
+        policy: Policy address that is written to the records.
+        action_space: Name of the action space.
+        observation: Name of the observation preset.
+        quality: Name of the rendering preset.
+        robot: Name of the robot.
+        envs: Number of environments of a worker, or the number with which a warm-up begins.
+        policy_timeout_s: Maximum time for one answer of a policy in the worker process [s]. Policy servers have
+            separate deadlines.
         served_at: Address of the host process that serves the policy to all workers, or None.
         task_files: User files that workers load first.
-        held: Folders locked by the main process that contain the run.
+        held: Folders that contain the run folder and are locked by the main process.
         looks: Appearance of objects and rooms ("seen" or "unseen").
-        known: Declaration of an external policy server at the start of the run; None without such a server.
-        world: The world in which the trials are run.
-        most_envs: Maximum number of environments that a warm-up may choose. Not larger than ``envs`` if the number is
-            fixed.
-        workers: Number of workers of the run, which share the machine's memory.
-        trials: Maximum number of trials left when the run started; 0 if unknown.
-        turn: Worker index, which determines the EGL device.
+        known: Description of the policy at the start of the run, if the policy is on a server that the user has
+            started. Otherwise None.
+        world: Benchmark in whose simulator the trials are run.
+        most_envs: Maximum number of environments that a warm-up may choose. Without a warm-up, it is at most ``envs``.
+        workers: Number of workers of the run, which share the memory of the machine.
+        trials: Maximum number of trials that were left when the run started, or 0 if this is not known.
+        turn: Index of the worker, which determines the EGL device.
     """
 
     run: str
@@ -91,7 +96,7 @@ class RunSettings:
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
-        """Return the settings for a plan and its run's folder."""
+        """Return the settings for a plan and a run folder."""
         return cls(
             str(run.absolute()),
             plan.policy,
@@ -107,17 +112,17 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Policy address for workers."""
+        """Policy address under which the workers reach the policy."""
         return self.served_at or self.policy
 
     @property
     def answer_limit_s(self) -> float:
-        """Deadline of a reply [s], from the address of a server or from the settings of this run."""
+        """Maximum time for a reply [s]. The address of a server determines it, otherwise the settings of this run."""
         return answer_limit_s(self.policy, self.policy_timeout_s)
 
 
 class TrialRunner:
-    """Runner of the trials of a worker. They share policies, observer and world processes."""
+    """Runner of the trials of one worker. The trials share the policies, the observer and the simulator processes."""
 
     def __init__(
         self,
@@ -126,7 +131,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine the requirements of the policy. Raises a BetterError if this fails."""
+        """Determine what the policy needs, such as images. Raises a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -145,14 +150,15 @@ class TrialRunner:
         self._processes = WorldProcesses(settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
-        """Run a trial, write its record and (once) its scene, and yield requests to the policy.
+        """Run a trial, and write its record. The scene is written too, unless it has been written before.
 
-        Yields like :func:`betterbench.episodes.episode_steps`, or nothing if the policy needs no thread. Returns the
-        journal entry, which the caller writes, so that only one process appends.
+        The generator yields the same items as :func:`betterbench.episodes.episode_steps`, or nothing if the policy
+        needs no thread. It returns the journal entry. The caller writes this entry to the journal, so that only one
+        process appends to the journal.
 
         Raises:
-            PremiseError: If the scene contradicts the instruction's premise; the run must stop.
-            StorageError: If the disk is full; the run must stop.
+            PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
+            StorageError: If the disk is full. The run must stop.
         """
         began = time.perf_counter()
         status: TrialStatus = "done"
@@ -199,18 +205,21 @@ class TrialRunner:
         )
 
     def close(self) -> None:
-        """Free the renderers, and close unused instances of the policy."""
+        """Close the renderers and unused instances of the policy."""
         self._observer.close()
         self.policies.close()
         self._processes.close()
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Return the observer, or None for a privileged policy, because it gets the state."""
+        """Return the observer for the policy, or None for a privileged policy, which gets the state instead."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
-        """Run an episode with a policy without a thread. Returns the result and the ground truth of a faulty policy."""
+        """Run an episode of a policy that needs no thread.
+
+        Return the result and, for a faulty policy, the ground truth about its fault in this episode.
+        """
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
             result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
@@ -222,7 +231,10 @@ class TrialRunner:
     def _run_asking(
         self, scene: TrialScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
-        """Run an episode that yields requests to its policy. It is repeated if the policy's process was killed."""
+        """Run an episode that yields its requests to the policy.
+
+        If the policy's process was killed, repeat the episode.
+        """
         for left in reversed(range(MAX_DEATHS)):
             try:
                 return (
@@ -238,7 +250,7 @@ class TrialRunner:
                 if not left:
                     raise
                 logger.warning("%s seed %d: %s; the trial is repeated", scene.condition.id, scene.seed, error)
-        raise AssertionError("the last attempt returns or raises")
+        raise AssertionError("unreachable: the last attempt either returns or raises")
 
     def _set_up(self, trial: Trial) -> tuple[TrialScene, TrialContext]:
         settings, spec = self.settings, self._observer.spec
@@ -264,12 +276,12 @@ class TrialRunner:
         return scene, context
 
     def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
-        """Write the record and (once) the scene of a trial, and return their digests."""
+        """Write the record of a trial and, unless the file exists, the scene. Return the digests of both files."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
             return file_digest(path), self.run.keep_scene(scene)
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
-    """Return the journal entry of a trial that was lost together with its worker."""
+    """Create the journal entry for a trial that was lost together with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})

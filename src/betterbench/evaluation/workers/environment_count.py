@@ -1,11 +1,11 @@
-"""Choice of the number of environments per worker, from the throughput measured in a warm-up.
+"""Choice of the number of environments per worker, based on the throughput measured in a warm-up.
 
-A worker with n environments is a closed queue. A chunk takes S seconds of the worker's time and L seconds of the
-policy's time. The throughput saturates at (L + S) / S environments, the knee of the queue; with fewer, the worker has
-to wait. Near the knee, fluctuations still cost a quarter to a third of the throughput. More environments than the knee
-are therefore opened (:data:`KNEES`) if this increases the throughput of the policy. If a server processes one request
-at a time, more environments only lengthen its queue, which the measured throughput shows. The number of environments
-does not affect the records.
+In terms of queueing theory, a worker with n environments is a closed queue. Each action chunk takes S seconds of the
+worker's time and L seconds of the policy's time. The throughput saturates at (L + S) / S environments, which is called
+the knee of the queue. With fewer environments, the worker has to wait. Near the knee, fluctuations still cost a quarter
+to a third of the throughput. Therefore, more environments are opened (see :data:`KNEES`) if this increases the
+throughput of the policy. If a server processes one request at a time, more environments only lengthen its queue, so the
+measured throughput does not increase. The number of environments does not affect the records.
 """
 
 from __future__ import annotations
@@ -19,35 +19,36 @@ from dataclasses import dataclass
 logger = logging.getLogger(__name__)
 
 KNEES = 2.5
-"""Number of environments to open, in multiples of the knee."""
+"""Number of environments to open, as a multiple of the knee."""
 
 LONGEST_QUEUE_S = 10.0
-"""Maximum time until the last pending request is answered if they are processed one by one [s]. It is a third of the
-usual deadline.
+"""Longest time until the last pending request is answered if requests are processed one by one [s].
+
+It is a third of the usual deadline.
 """
 
-_ANSWERS = 16  # minimum number of answers in a measurement window
+_ANSWERS = 16  # smallest number of answers in a measurement window
 _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
-_PRESENT = 0.75  # share of environments that must have had an answer before a window begins
-_ENOUGH = 1.25  # minimum factor by which the number of environments grows
-_GAIN = 1.2  # minimum gain of throughput with three times as many environments
-_IDLE = 0.15  # if the worker waits for less than this share of its time, more environments cannot help
-_UNHINDERED = 1.5  # latency, in multiples of the minimum, up to which the server answers all questions at once
-_STEP = 3  # maximum growth factor in one step if the server has a queue
-_LEFT_OVER = 1.5  # growth factor allowed so that all remaining trials run at once
-_LONGEST_MEMORY = 64  # maximum number of answer times kept
+_PRESENT = 0.75  # fraction of environments that must have had an answer before a window begins
+_ENOUGH = 1.25  # smallest factor by which the number of environments is increased
+_GAIN = 1.2  # smallest gain in throughput that three times as many environments must bring
+_IDLE = 0.15  # if the worker waits for less than this fraction of its time, more environments cannot help
+_UNHINDERED = 1.5  # latency, as a multiple of the minimum, up to which the server answers all requests immediately
+_STEP = 3  # largest factor of growth in one step if the server has a queue
+_LEFT_OVER = 1.5  # factor of growth that is allowed if all remaining trials then run at once
+_LONGEST_MEMORY = 64  # largest number of answer times that are kept
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Measurements with a given number of environments.
+    """Measurements made with a certain number of environments.
 
     Attributes:
         envs: Number of environments.
         latency_s: Median latency of a reply [s].
-        worker_s: Mean time that the worker spends on a chunk (physics, images and record) [s].
-        rate: Replies per second, while no trial is being set up.
+        worker_s: Mean time that the worker spends on an action chunk (physics, images and record) [s].
+        rate: Number of replies per second, not counting the time in which trials are set up.
     """
 
     envs: int
@@ -57,22 +58,22 @@ class Window:
 
     @property
     def wanted(self) -> int:
-        """Smallest number of environments for which the worker never waits."""
+        """Smallest number of environments with which the worker should never have to wait."""
         return math.ceil(KNEES * (self.latency_s + self.worker_s) / max(self.worker_s, 1e-6))
 
     @property
     def idle(self) -> float:
-        """Fraction of the worker's time spent waiting."""
+        """Fraction of its time that the worker spends waiting."""
         return max(0.0, 1.0 - self.rate * self.worker_s)
 
 
 class EnvironmentCount:
-    """Controller for the number of environments of a worker.
+    """Controller of the number of environments of a worker.
 
-    The initial number is ``first``. Requests before the first reply (when a server may compile its model) and replies
-    after a reconnection are ignored. After most environments have received a reply, a window of replies is measured and
-    the number is set. Another window shows whether the throughput has improved. Otherwise, the previous number is
-    restored.
+    The controller begins with ``first`` environments. It ignores requests made before the first reply, when a server
+    may still be compiling its model, and replies after a reconnection. As soon as most environments have received a
+    reply, it measures the replies in a window of time and chooses a new number of environments. A second window shows
+    whether the throughput has improved. If it has not, the previous number is restored.
     """
 
     def __init__(
@@ -84,10 +85,10 @@ class EnvironmentCount:
         room: Callable[[int], int] = lambda _: 1_000_000,
         left: Callable[[], int] = lambda: 1_000_000,
     ) -> None:
-        """Initialize the controller.
+        """Create the controller.
 
-        ``room`` maps the current number of environments to the number that fits into memory. ``left`` returns the
-        number of remaining trials of this worker, including running trials.
+        ``room`` returns the number of environments that fit into memory, given the current number. ``left`` returns the
+        number of trials that this worker has not finished yet, including the running ones.
         """
         self.number = first
         self.settled = most <= first
@@ -95,7 +96,7 @@ class EnvironmentCount:
         self._room, self._left = room, left
         self._first_answer: float | None = None
         self._least_s = math.inf
-        self._answered: set[int] = set()  # environments that received a reply since the number was set
+        self._answered: set[int] = set()  # environments that have received a reply since the number was changed
         self._before: Window | None = None
         self._open_window()
 
@@ -106,21 +107,21 @@ class EnvironmentCount:
         self._answered = set()
 
     def worked(self, seconds: float, *, on_setup: bool) -> None:
-        """Add the time that the worker spent on setting up a trial or on a chunk [s]."""
+        """Add the time [s] that the worker has spent on setting up a trial or on an action chunk."""
         if on_setup:
             self._set_up_s += seconds
         else:
             self._worked_s += seconds
 
     def answered(self, environment: int, *, asked_at: float, now: float, took_s: float, clean: bool) -> None:
-        """Add a reply to an observation.
+        """Add a reply of the policy to an observation.
 
         Args:
-            environment: Environment index.
-            asked_at: Time of the request [s], from the same clock as ``now``.
+            environment: Index of the environment.
+            asked_at: Time of the request [s], on the same clock as ``now``.
             now: Time of the reply [s].
-            took_s: Time from request to reply [s].
-            clean: Whether the reply arrived without a retry or a new connection.
+            took_s: Time from the request to the reply [s].
+            clean: Whether the reply arrived without a retry and without reconnecting.
         """
         if self.settled:
             return
@@ -144,22 +145,22 @@ class EnvironmentCount:
             self._open_window()
 
     def limit(self, most: int) -> None:
-        """Limit the number permanently, if the policy does not accept more connections."""
+        """Limit the number of environments for the rest of the run, since the policy accepts no more connections."""
         self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
 
     def _decide(self, window: Window) -> None:
         before, self._before = self._before, window
         if before is not None and window.rate < _GAIN * before.rate and window.idle > _IDLE:
-            # the policy is saturated: the worker still waits, but the number of replies per second has not increased
+            # The policy is saturated: the worker still waits, but the number of replies per second has not increased.
             self.number, self.settled = before.envs, True
             return
         goal, left = window.wanted, self._left()
         if window.latency_s > _UNHINDERED * self._least_s:
             goal = min(goal, _STEP * window.envs)  # the server may already have a queue
         if goal < left <= _LEFT_OVER * goal:
-            goal = left  # otherwise, a few trials would be left to run alone at the end
+            goal = left  # otherwise, a few trials would be left to run at the end
         goal = min(goal, self._most)
-        # if the server processes one request at a time, latency grows with the number
+        # If the server processes one request at a time, the latency grows with the number of environments.
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))
         if goal > window.envs:
             goal = min(goal, self._room(window.envs))

@@ -1,4 +1,4 @@
-"""Free memory of this machine or container, and memory usage of this process and its children."""
+"""Free memory of this machine or container, and memory used by this process and its child processes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ PROC = Path("/proc")
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 _SHARE = 0.5
-"""Fraction of the free memory that additional environments may use."""
+"""Fraction of the free memory that additional environments may take."""
 
 _LEAST_BYTES = 16 << 20
-"""Assumed minimum memory usage of an environment (scene, record and connection) [bytes]."""
+"""Smallest amount of memory that an environment (scene, record and connection) is assumed to take [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")
@@ -22,16 +22,17 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 
 
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
-    """Return the memory that this process can still use, limited by the machine and by control groups [bytes].
+    """Return the memory that this process can still use [bytes], or None if it is not known.
 
-    Returns None if unknown. Unused files in the cache of a control group count as free memory.
+    Both the machine and its control groups (cgroups) may limit the memory. Cached files of a control group that are not
+    in use count as free memory.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None
 
 
 def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
-    """Return the resident memory of a process and all its descendants [bytes], or 0 if unknown."""
+    """Return the resident memory of a process and all its descendants [bytes], or 0 if it is not known."""
     waiting, total = [os.getpid() if pid is None else pid], 0
     page = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
     seen = set[int]()
@@ -50,14 +51,14 @@ def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
 
 
 def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = None, used: int | None = None) -> int:
-    """Return the number of environments that fit into memory if ``envs`` are open.
+    """Return the number of environments that fit into memory, given that ``envs`` environments are open.
 
     Args:
         envs: Number of open environments.
-        used_before: Memory usage of this process before the first environment was opened [byte].
+        used_before: Memory of this process before the first environment was opened [bytes].
         sharing: Number of workers on this machine that open environments at the same time.
-        free: Free memory [byte]; determined from the system by default.
-        used: Current memory usage of this process [byte]; determined from the system by default.
+        free: Free memory [bytes]. By default, it is determined from the system.
+        used: Memory that this process uses now [bytes]. By default, it is determined from the system.
     """
     free = free_bytes() if free is None else free
     if free is None:
@@ -75,7 +76,10 @@ def _machine_free(proc: Path) -> Iterator[int]:
 
 
 def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
-    """Yield the free memory of each control group that has a limit, versions 1 and 2, up to the root."""
+    """Yield the free memory of each control group that contains this process and has a memory limit.
+
+    Versions 1 and 2 of control groups are supported.
+    """
     try:
         lines = (proc / "self" / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -107,4 +111,4 @@ def _left(folder: Path, names: tuple[str, str], files: str) -> int | None:
                 if line.split()[0] == files:
                     idle = int(line.split()[1])
         return limit - used + idle
-    return None  # no limit ("max"), or no such group
+    return None  # there is no limit ("max"), or no such group

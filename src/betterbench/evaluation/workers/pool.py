@@ -1,4 +1,4 @@
-"""Pool of worker processes on this machine. They get trials over pipes."""
+"""Pool of worker processes on this machine. The pool sends trials to the processes through pipes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""Maximum number of consecutive failed starts. After that, the run continues with the existing processes."""
+"""Number of consecutive failed starts after which no more processes are started. The run continues with the others."""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -33,27 +33,30 @@ _END_S = 10.0
 
 
 class WorkerProcess(SpawnedProcess):
-    """State of a worker process in the pool."""
+    """Worker process of the pool, with its state."""
 
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
-        self.alone = False  # it runs a single trial that was running in a process that died
-        self.lost = False  # the process has closed its end of the pipe
-        self.ready = False  # the process is ready
-        self.turn = settings.turn  # number among the living processes
-        self.envs = settings.envs  # maximum number of simultaneous trials, as last reported
+        self.alone = False  # whether it runs a single trial that was running in a process that died
+        self.lost = False  # whether the process has closed its end of the pipe
+        self.ready = False  # whether the process is ready
+        self.turn = settings.turn  # index among the living processes
+        self.envs = settings.envs  # number of simultaneous trials that it last reported
 
 
 @dataclass(frozen=True, slots=True)
 class OpenEnvironments:
-    """Message to a worker process: the number of simultaneous trials from now on."""
+    """Message from a worker process: the number of trials that it can run at the same time from now on."""
 
     envs: int
 
 
 class WorkerPool:
-    """Pool that runs trials in worker processes, and repeats the trials of dead processes. A context manager."""
+    """Pool that runs trials in worker processes. The trials of a process that has died are repeated.
+
+    Use it as a context manager.
+    """
 
     def __init__(
         self,
@@ -63,9 +66,9 @@ class WorkerPool:
         watch: Callable[[], None] | None = None,
         steps: StepCount | None = None,
     ) -> None:
-        """Store the settings. Processes start when there is work. ``watch`` is called about twice a second.
+        """Store the settings. Processes are started as soon as there is work for them.
 
-        ``steps`` counts the control steps reported by workers.
+        ``watch`` is called about twice a second. ``steps`` counts the control steps that workers report.
         """
         self._settings, self._workers, self._watch = settings, workers, watch
         self._steps = steps or StepCount()
@@ -80,11 +83,13 @@ class WorkerPool:
         self.close()
 
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of each trial when it ends. A round is requested when the previous round has ended.
+        """Run trials, and yield the journal entry of each when it ends.
+
+        The trials come in rounds, and the next round is requested when the previous one has ended.
 
         Raises:
             WorkerError: If workers keep dying.
-            BetterError: If an error of a worker stops the run.
+            BetterError: If an error in a worker must stop the run.
         """
         for trials in rounds:
             self._ledger.put_back(trials)
@@ -95,7 +100,7 @@ class WorkerPool:
                     self._watch()
                 for worker in self._wait():
                     ended = list(self._receive(worker))
-                    self._distribute()  # the workers continue while the journal is written to disk
+                    self._distribute()  # so that the workers continue while the journal is written to disk
                     yield from ended
                     if worker.lost or not worker.process.is_alive():
                         yield from self._handle_worker_exit(worker)
@@ -105,10 +110,10 @@ class WorkerPool:
         for worker in self._processes:
             worker.process.join(_END_S)
             for _ in self._receive(worker):
-                raise AssertionError("every trial has ended")
+                raise AssertionError("unreachable: every trial has ended")
 
     def close(self) -> None:
-        """End all processes immediately. Unfinished trials leave no files."""
+        """End all processes immediately. Trials that have not ended leave no files behind."""
         processes, self._processes = self._processes, []
         for worker in processes:
             worker.process.kill()
@@ -116,15 +121,19 @@ class WorkerPool:
             worker.end()
 
     def _wait(self) -> Iterable[WorkerProcess]:
-        """Return the processes that have sent a message or ended, waiting at most until the next call of ``watch``."""
+        """Wait until processes have sent a message or ended, and return these processes.
+
+        Stop waiting when ``watch`` must be called again.
+        """
         sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
         found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
-        # a child of a dead worker may keep its pipe and sentinel open, which would hide the death
+        # A child of a dead worker may keep the worker's pipe and sentinel open, which would hide the death of the
+        # worker.
         found += [w for w in self._processes if not w.process.is_alive()]
         return dict.fromkeys(found)
 
     def _start_workers(self) -> None:
-        """Start processes while there is work for them."""
+        """Start more processes until there are enough for the trials that are left."""
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             taken = {worker.turn for worker in self._processes}
             turn = next(number for number in itertools.count() if number not in taken)
@@ -132,7 +141,10 @@ class WorkerPool:
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Distribute the trials evenly. A trial that may have killed a process runs alone."""
+        """Distribute the trials evenly among the processes.
+
+        A trial that may have caused the death of a process runs alone in its process.
+        """
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -153,7 +165,7 @@ class WorkerPool:
             worker.lost = True  # the exit is handled in the next iteration, and the trial is repeated
 
     def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Yield the messages of a process."""
+        """Handle the messages of a process, and yield the journal entries among them."""
         try:
             while worker.connection.poll():
                 message = worker.connection.recv()
@@ -176,7 +188,7 @@ class WorkerPool:
             worker.lost = True
 
     def _handle_worker_exit(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Remove a process that died, and queue its trials again or give them up."""
+        """Remove a process that has died. Its trials are queued again or, after too many attempts, given up."""
         yield from self._receive(worker)
         self._processes.remove(worker)
         how = worker.end(_WATCH_S)
@@ -188,7 +200,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Handle a process that died before it was ready. A trial cannot have caused this."""
+        """Handle a process that died before it was ready. No trial can have caused this."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
@@ -204,9 +216,10 @@ class WorkerPool:
 
 
 def work(settings: RunSettings, connection: Connection) -> None:
-    """Main function of a worker process: receive trials from a pipe and send journal entries.
+    """Main function of a worker process: receive trials through a pipe, and send back journal entries.
 
-    None is received when there is no more work. None is sent when the worker is ready. Sending an error stops the run.
+    The process sends None when it is ready, and receives None when there is no more work. If it sends an error, the run
+    stops.
     """
     prepare_process(settings.held)
     take_device(settings.turn)
@@ -223,7 +236,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
 
 
 def _report(connection: Connection, steps: int) -> None:
-    with contextlib.suppress(OSError):  # the run has ended, which the worker notices at the end of its trial
+    with contextlib.suppress(OSError):  # the run has ended; the worker notices this at the end of its trial
         connection.send(StepsTaken(steps))
 
 

@@ -1,4 +1,4 @@
-"""Worker: simulates and renders many trials in one thread, while policies run in other threads."""
+"""Worker that simulates and renders many trials in one thread, while policies run in other threads."""
 
 from __future__ import annotations
 
@@ -33,33 +33,35 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 USUAL_ENVS = 8
-"""Initial number of environments per worker for a policy in another process. While some wait, others are simulated.
+"""Initial number of environments per worker for a policy in another process.
 
-A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`).
+While some environments wait, others are simulated. A warm-up then chooses the number
+(:mod:`betterbench.evaluation.workers.environment_count`).
 """
 
 MOST_WAITING = 32
-"""Initial number of environments over all workers.
+"""Largest initial number of environments of all workers together.
 
-A server that processes one request at a time in 0.3 s then empties a full queue within 10 s, before the deadline.
+A server that processes one request at a time in 0.3 s then needs 10 s for a full queue, which is less than the
+deadline.
 """
 
 MOST_CHOSEN = 96
-"""Maximum number of environments of all workers after a warm-up. ``better serve`` accepts 128 connections."""
+"""Largest number of environments of all workers that a warm-up may choose. ``better serve`` accepts 128 connections."""
 
 MAX_ENVS = 256
 
 _DISTURBED = ("policy_retries", "policy_reconnects")
 
 LEAVE_S = 2.0
-"""Time limit for the policy threads to end [s]."""
+"""Longest time to wait for the policy threads to end [s]."""
 
 
 def usual_envs(policies: PolicyFactory) -> int:
-    """Return a worker's default number of environments.
+    """Return the default number of environments of a worker.
 
     It is 1 for a policy that replies immediately. It is also 1 for a Python policy that processes one observation at a
-    time, because each environment would have its own instance, possibly with large weights.
+    time, because each environment would need its own instance, possibly with large weights.
     """
     needs = policies.needs
     if not needs.thread:
@@ -68,15 +70,18 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return the initial number of environments per worker, if a single worker would have ``envs``."""
+    """Return the initial number of environments per worker.
+
+    With one worker, it is ``envs``; with many, it is smaller.
+    """
     return max(1, min(envs, MOST_WAITING // workers))
 
 
 def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[int, int]:
-    """Return the initial and the maximum number of environments per worker, for a warm-up.
+    """Return the smallest and the largest number of environments per worker that a warm-up may choose.
 
-    ``envs`` is the usual number for a single worker, which the ``world`` may change. For a policy with one instance per
-    environment it stays 1, because instances may be large.
+    ``envs`` is the default number for a single worker, which the benchmark ``world`` may reduce. For a policy that
+    needs one instance per environment, the number is always 1, because instances may be large.
     """
     if envs == 1:
         return 1, 1
@@ -85,11 +90,11 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return the number of trials to give a worker at once, so that all workers end at about the same time.
+    """Return how many trials a worker gets at once, so that all workers finish at about the same time.
 
     Trials that begin together end at about the same time. With eight environments, twelve trials per worker are
     therefore divided into six and six instead of eight and four. ``left`` is the number of trials that have not ended,
-    including running trials.
+    including those that are running.
     """
     share = math.ceil(left / workers)
     return math.ceil(share / math.ceil(share / envs)) if share else 0
@@ -97,26 +102,27 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """Environment with its trial and the pending reply."""
+    """Environment of a worker, with the trial that it runs and the pending request to the policy."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None
     steps: TrialSteps | None = None
     ticket: int = -1  # ticket of the pending request, or -1
     asked_at: float = 0.0
-    question: Question | None = None  # the last outcome
-    outcome: Reply | BaseException | None = None  # reply to the last question, until the trial consumes it
-    waits: bool = False  # the trial cannot continue before the outcome arrives
+    question: Question | None = None  # last request of the trial
+    outcome: Reply | BaseException | None = None  # outcome of the last request, until the trial uses it
+    waits: bool = False  # whether the trial cannot continue before the outcome arrives
     figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
-    wire_s: float = 0.0  # CPU time for the trial's messages
-    connecting: bool = False  # new environment, which takes trials after reaching its policy
+    wire_s: float = 0.0  # CPU time spent on messages of the trial
+    connecting: bool = False  # whether the environment is new and takes no trials until its policy is connected
 
 
 class Worker:
-    """Worker that runs several trials of a plan at once in the calling thread.
+    """Worker that runs several trials of a plan in turn, in the calling thread.
 
-    Physics and rendering run in this thread, the policy in other threads. Results do not depend on the order, because
-    every trial is a pure function of scene and policy. A context manager that closes the worker.
+    Physics and rendering run in this thread, and the policy runs in other threads. The order in which the trials are
+    continued does not affect the results, because every trial is determined by its scene and its policy. If the worker
+    is used in a ``with`` block, it is closed at the end of the block.
     """
 
     def __init__(
@@ -126,23 +132,23 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine the requirements of the policy. The worker closes ``policies``, or creates its own.
+        """Determine what the policy needs. The worker closes ``policies``. If it is None, the worker creates a factory.
 
         ``on_step`` is called after every control step of any trial.
         """
         if not 1 <= settings.envs <= MAX_ENVS:
-            raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+            raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Use a number from 1 to {MAX_ENVS}")
         self._settings = settings
         self._trial_runner = TrialRunner(settings, policies=policies, on_step=on_step)
         needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
-        # waiting ends early if a reply arrives from another process
+        # If the policy is in another process, a request that is pending when the worker is closed can be ended early.
         self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
-        self._idle_s = 0.0  # since the last trial ended
+        self._idle_s = 0.0  # time spent waiting since the last trial ended
         self._ended = 0  # trials
         used = used_bytes() if settings.most_envs > settings.envs else 0
         self._count = EnvironmentCount(
@@ -156,7 +162,7 @@ class Worker:
         self._outbox: queue.SimpleQueue[Answered] = queue.SimpleQueue()
         self._numbers = itertools.count()
         self._stop: BetterError | None = None
-        self._leaving: list[PolicyThread] = []  # threads of closed environments
+        self._leaving: list[PolicyThread] = []  # threads of environments that were closed
 
     def __enter__(self) -> Self:
         return self
@@ -168,29 +174,29 @@ class Worker:
 
     @property
     def envs(self) -> int:
-        """Number of open environments, which is fixed or chosen by the warm-up."""
+        """Number of open environments. It is either fixed or chosen by the warm-up."""
         return self._count.number
 
     @property
     def busy(self) -> bool:
-        """Whether a trial is running."""
+        """Whether at least one trial is running."""
         return any(slot.steps is not None for slot in self._slots)
 
     @property
     def free(self) -> int:
-        """Number of free environments."""
+        """Number of environments that can take a trial."""
         return sum(slot.steps is None and not slot.connecting for slot in self._slots)
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` will raise, for callers without remaining trials."""
+        """Error that the next call of :meth:`finished` will raise. Callers with no more trials check it."""
         return self._stop
 
     def _open_trials(self) -> int:
         return sum(slot.steps is not None for slot in self._slots)
 
     def start(self, trial: Trial) -> None:
-        """Queue a trial in a free environment, where :meth:`finished` runs it.
+        """Assign a trial to a free environment. The trial is run by :meth:`finished`.
 
         Raises:
             InvalidInputError: If no environment is free.
@@ -202,17 +208,17 @@ class Worker:
                 slot.question = None
                 self._ready.append(slot)
                 return
-        raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
+        raise InvalidInputError("trial", "no environment of the worker is free", "Check the attribute `free` first")
 
     def finished(self, timeout_s: float) -> list[JournalEntry]:
-        """Run the trials until at least one has ended or ``timeout_s`` [s] has passed, and return the journal entries.
+        """Run the trials until at least one has ended or ``timeout_s`` [s] has passed. Return the journal entries.
 
         Raises:
-            PremiseError: If a scene contradicts its instruction's premise.
+            PremiseError: If a scene contradicts what its instruction assumes.
             StorageError: If the disk is full.
-            PolicyUnavailableError: If the policy's server cannot be reached. The previous call returned the entry of
-                the trial.
-            HandshakeError: If the policy has changed. The previous call returned the entry of the trial.
+            PolicyUnavailableError: If the policy's server cannot be reached. The journal entry of the trial was
+                returned by the previous call.
+            HandshakeError: If the policy has changed. The journal entry of the trial was returned by the previous call.
         """
         if self._stop is not None:
             raise self._stop
@@ -234,7 +240,7 @@ class Worker:
         return ended
 
     def close(self) -> None:
-        """Abandon unfinished trials, and close the policy unless it hangs."""
+        """Abandon the trials that have not ended. Close the policy, unless it hangs."""
         threads, self._leaving = self._leaving, []
         for slot in self._slots:
             if slot.steps is not None:
@@ -256,7 +262,7 @@ class Worker:
         self._trial_runner.close()
 
     def _advance(self, slot: _Slot) -> JournalEntry | None:
-        """Continue a trial until it waits. Returns its journal entry if it has ended."""
+        """Continue a trial until it has to wait. Return its journal entry if it has ended."""
         steps = slot.steps
         if steps is None:
             return None
@@ -291,7 +297,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the process does not know about errors such as a wrong shape
+            slot.thread.distrust()  # the process itself does not notice errors such as a wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry
@@ -315,11 +321,14 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start using a new environment, or limit the number if the policy rejects the connection."""
+        """Start using a new environment.
+
+        If the policy rejected its connection, limit the number of environments instead.
+        """
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
-                "the policy accepts no further connection (%s); this worker continues with its existing ones",
+                "the policy accepts no further connection (%s); this worker continues with its existing connections",
                 one_line(str(outcome)),
             )
             self._slots.remove(slot)
@@ -329,7 +338,7 @@ class Worker:
             self._count.limit(sum(not s.connecting for s in self._slots))
 
     def _collect(self, timeout_s: float) -> None:
-        """Wait for a reply, collect all available replies, and mark the trials that can continue."""
+        """Wait for a reply. Then take all replies that have arrived, and mark the trials that can continue."""
         now = time.perf_counter()
         if self._timed:
             timeout_s = min([timeout_s, *(max(0.0, self._due(s) - now) for s in self._slots if s.waits)])
@@ -358,7 +367,7 @@ class Worker:
                 if slot.waits:
                     self._ready.append(slot)
                 return
-        # otherwise, the trial of the request has ended, or its deadline has passed
+        # If no slot matches, the trial of the request has ended, or the deadline of the request has passed.
 
     def _count_answer(self, slot: _Slot, outcome: Reply | BaseException | None, *, clean: bool) -> None:
         if isinstance(outcome, Reply):
@@ -367,9 +376,9 @@ class Worker:
             )
 
     def _ask(self, slot: _Slot, question: Question) -> None:
-        """Send a request to the policy, in the thread of the environment."""
+        """Send a request to the policy. The thread of the environment waits for the reply."""
         if slot.trial is None:
-            raise AssertionError("only a trial asks")
+            raise AssertionError("unreachable: only a trial makes requests")
         if slot.thread is None:
             slot.thread = self._new_thread()
         slot.question, slot.asked_at, slot.outcome = question, time.perf_counter(), None
@@ -381,25 +390,28 @@ class Worker:
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
-        """Return the shared instance for an environment. Called in the threads of the environments."""
+        """Return the shared policy instance, for use by one environment.
+
+        Each environment calls this in its own thread.
+        """
         with self._lock:
             if self._shared is None:
                 taken = self._trial_runner.policies.take()
                 if not isinstance(taken, BatchPolicy):
-                    raise AssertionError("the policy accepted batches before")
+                    raise AssertionError("unreachable: the policy accepted batches before")
                 self._shared = SharedPolicy(taken, MAX_BATCH, expected=self._open_trials)
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
-        """Return a request's deadline, by ``time.perf_counter`` [s].
+        """Return the deadline of a request [s], as measured by ``time.perf_counter``.
 
-        It starts after loading, which has its own deadline.
+        The time starts when the policy has been loaded, since there is a separate deadline for loading.
         """
         ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
         return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
 
     def _end_overdue(self) -> None:
-        """End the trials of hanging policies together with the policy process, and replace the thread."""
+        """End the trials whose policy has missed its deadline. Then end the policy's process and replace its thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:
@@ -412,11 +424,11 @@ class Worker:
         with self._lock:
             shared, self._shared = self._shared, None
         if shared is not None:
-            shared.cut()  # ends the hanging call
+            shared.cut()  # ends the call that hangs
         for slot in hang:
             if slot.thread is not None:
                 slot.thread.dismiss()
                 slot.thread.cut()
                 slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
-                self._ask(slot, slot.question)  # send the request again, because it was queued behind the hanging batch
+                self._ask(slot, slot.question)  # it was queued behind the batch that hangs, so it is sent again

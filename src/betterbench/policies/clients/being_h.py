@@ -1,12 +1,13 @@
-"""Client of Being-H's inference server: ``being-h://host:port``.
+"""Client for Being-H's inference server: ``being-h://host:port``.
 
-The server uses ZeroMQ REQ/REP with the requests of GR00T N1.5 (an endpoint, its data and a token), but serializes them
-with torch. This client reads replies without unpickling (:mod:`betterbench.policies.protocols.torch_payload`), whereas
-the server itself unpickles requests. The client does not call ``get_modality_config``, because the reply contains
-objects of the server's own classes, which must not be unpickled. Source: BeingBeyond/Being-H,
-``BeingH/inference/service.py``.
+The server uses ZeroMQ REQ/REP. Like those of GR00T N1.5, its requests contain an endpoint, data and a token, but they
+are serialized with torch. The server unpickles the requests. This client never unpickles replies; it reads them with
+:mod:`betterbench.policies.protocols.torch_payload`. The client does not call ``get_modality_config``, because the reply
+contains objects of classes defined by the server, which could only be read by unpickling them. Source:
+BeingBeyond/Being-H, ``BeingH/inference/service.py``.
 
-The bridge (:mod:`betterbench.policies.clients.bridges.being_h_bridge`) needs torch on the server's side only.
+As an alternative, the bridge :mod:`betterbench.policies.clients.bridges.being_h_bridge` can be used. Then only the
+server needs torch.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _UNIFIED = "action_unified"
 
 
 class BeingHServer(EndpointServer):
-    """Server with requests and answers serialized by torch."""
+    """Connection to a Being-H server, with requests and answers serialized by torch."""
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
         return write_torch(question)
@@ -42,17 +43,17 @@ class BeingHServer(EndpointServer):
 
 
 class BeingHClient(ServerClient[BeingHServer]):
-    """Being-H policy. Each environment has its own client.
+    """Client for a Being-H policy. Each environment needs its own client.
 
-    With real-time chunking, the server also returns the complete chunk in its unified action space. With ``ahead`` or
-    ``delay``, the next request contains the unexecuted rest of this chunk and the number of control steps that pass
-    during the computation. The new chunk then continues the old chunk.
+    For real-time chunking, the server also returns the complete chunk in its unified action space. If ``ahead`` or
+    ``delay`` is set, the next request contains those actions of this chunk that have not been executed, and the number
+    of control steps that pass while the next chunk is computed. The new chunk then continues the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step and complete chunk of the last request
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
         self._delay = address.whole("delay", self.info.execution.ahead)
         self._connection.open()
@@ -61,7 +62,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         return BeingHServer(self._address, self._key, timeout_s=timeout_s)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode. Raises HandshakeError if the episode uses another action space."""
+        """Begin an episode. Raises HandshakeError if the episode uses a different action space than the policy."""
         super().reset(start)
         self._last = None
 
@@ -78,10 +79,11 @@ class BeingHClient(ServerClient[BeingHServer]):
 
 
 def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the request entries for real-time chunking, or an empty dict if the old chunk is used up.
+    """Return the request entries for real-time chunking, or an empty dict if too few actions of the old chunk are left.
 
-    The server keeps the first ``delay`` rows of the sent chunk, (..., horizon, dim) in the policy's own action space,
-    as the first rows of its new chunk.
+    ``chunk`` is the old chunk, (..., horizon, dim) in the policy's own action space, as returned for the request at
+    step ``asked_at``. The server uses the first ``delay`` rows of the chunk it receives as the first rows of its new
+    chunk.
     """
     if not delay or rows_left(asked_at, chunk, step=step) < delay:
         return {}
@@ -89,7 +91,10 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:
-    """Return the complete chunk as an array, because the server sends lists but does not accept lists."""
+    """Convert a complete action chunk to an array.
+
+    The server sends the chunk as lists, but accepts only arrays in requests.
+    """
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot, with weights, processors and declared features."""
+"""Loading and running of LeRobot checkpoints, which consist of weights, processors and declared features."""
 
 from __future__ import annotations
 
@@ -32,20 +32,24 @@ _WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""Policy types that predict a chunk from a single observation. All other types remember earlier observations."""
+"""LeRobot policy types that predict a chunk from a single observation.
+
+All other types also use earlier observations.
+"""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
-"""Policy types that sample from noise. betterbench provides the noise, so that the actions do not depend on the other
-observations in a batch."""
+"""LeRobot policy types that start from random noise. betterbench draws the noise for each environment separately, so
+that the actions do not depend on the other observations in a batch.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Input and output features that a checkpoint declares.
+    """Input and output features that a LeRobot checkpoint declares.
 
     Attributes:
-        images: Size (height, width) of each image [pixel], by key.
-        states: Size of each state vector, by key.
+        images: Size (height, width) of each image [pixel], by feature name.
+        states: Length of each state vector, by feature name.
         action: Number of values in an action.
     """
 
@@ -55,9 +59,10 @@ class Features:
 
     @classmethod
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
-        """Read the configuration of a policy.
+        """Read the features from the configuration of a LeRobot policy.
 
-        Raises InvalidInputError if observations lack an input, or the output is not an action.
+        Raises InvalidInputError if the policy needs an input that observations do not contain, or if its output is not
+        an action.
         """
         images, states = {}, {}
         for key, feature in (config.input_features or {}).items():
@@ -71,37 +76,38 @@ class Features:
             else:
                 raise InvalidInputError(
                     where,
-                    f"its input {one_line(repr(key), most=100)} is {one_line(kind, most=40)} of shape "
-                    f"{one_line(shape, most=100)}, which observations do not contain",
-                    "Train it on images (3, height, width), observation.state and the instruction",
+                    f"its input {one_line(repr(key), most=100)} has the type {one_line(kind, most=40)} and the "
+                    f"shape {one_line(shape, most=100)}, but observations contain no such input",
+                    "Train the policy on images (3, height, width), observation.state and the instruction",
                 )
         outputs = dict(config.output_features or {})
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
         if len(shape) != 1:
             raise InvalidInputError(
                 where,
-                f"its outputs are {one_line(sorted(outputs), most=200)} instead of one action vector",
-                "Train it on 'action'",
+                f"the outputs of the checkpoint are {one_line(sorted(outputs), most=200)} instead of one action vector",
+                "Use a policy whose only output is 'action'",
             )
         return cls(images, states, int(shape[0]))
 
 
 class Checkpoint:
-    """Loaded weights and processors, shared by several policies in one process.
+    """Loaded weights and processors of a checkpoint, which several policies in one process share.
 
-    ``fingerprint`` is the SHA-256 of configuration, weights and processors. ``lock`` is held during computation.
+    ``fingerprint`` is the SHA-256 of the configuration, the weights and the processors. ``lock`` is held while the
+    network computes, so only one policy uses it at a time.
     """
 
     def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
-        """Load a folder or a hub id onto a device, or onto a chosen device if None.
+        """Load a checkpoint from a folder or from the Hugging Face hub onto a device.
 
-        Use :func:`load_checkpoint` to avoid loading a checkpoint twice.
-
-        Code named in the checkpoint runs only if the checkpoint is ``trusted``.
+        If ``device`` is None, choose one. To avoid loading a checkpoint twice, call :func:`load_checkpoint` instead.
+        Python code that the checkpoint refers to is run only if ``trusted`` is True.
 
         Raises:
-            MissingDependencyError: If LeRobot, or a package that this type of policy needs, is not installed.
-            InvalidInputError: If the checkpoint does not exist, cannot be used, or names code without being trusted.
+            MissingDependencyError: If LeRobot, or another package that this type of policy needs, is not installed.
+            InvalidInputError: If the checkpoint does not exist, cannot be used, or refers to Python code but is not
+                trusted.
         """
         self._torch = _import("torch")
         factory, configs = _import("lerobot.policies.factory"), _import("lerobot.configs.policies")
@@ -121,7 +127,7 @@ class Checkpoint:
                     require_no_code(self.config, _processor_files(path), where)
                 require_short_horizons(self.config, where)
                 self.config.device = self.device
-                # the checkpoint contains all weights, so do not download pretrained weights of the backbone
+                # The checkpoint contains all weights, so the pretrained weights of the backbone need not be downloaded.
                 if getattr(self.config, "pretrained_backbone_weights", None):
                     self.config.pretrained_backbone_weights = None
                 self.type = str(self.config.type)
@@ -141,12 +147,13 @@ class Checkpoint:
         except BetterError:
             raise
         except Exception as error:
-            # LeRobot can raise anything for an unusable checkpoint; report it as a one-line error
+            # LeRobot can raise any exception for an unusable checkpoint, so all of them are reported as a one-line
+            # error.
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where,
-                f"LeRobot cannot load it ({problem})",
-                "Give a folder or hub id of a checkpoint of LeRobot 0.4 or newer",
+                f"LeRobot cannot load the checkpoint ({problem})",
+                "Use the folder or hub ID of a checkpoint of LeRobot 0.4 or newer",
             ) from error
         self.policy = made.to(self.device).eval()
         self.versions = {name: str(_import(name).__version__) for name in ("lerobot", "torch")}
@@ -162,39 +169,42 @@ class Checkpoint:
         except (RuntimeError, AssertionError, ValueError) as error:
             problem = " ".join(str(error).split())[:160]
             raise InvalidInputError(
-                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or omit device"
+                where, f"device={device} cannot be used ({problem})", "Use cpu, cuda or cuda:N, or omit device"
             ) from error
         return device
 
     def _check_config(self, path: str, where: str) -> None:
         if getattr(self.config, "use_peft", False):
             raise InvalidInputError(
-                where, "it contains only a PEFT adapter", "Merge the adapter into its base and save the result"
+                where,
+                "the checkpoint contains only a PEFT adapter",
+                "Merge the adapter into its base model and save the result",
             )
         folder = Path(path)
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
             raise InvalidInputError(
                 where,
                 f"{_PREPROCESSOR} is missing, so the normalization is unknown",
-                "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
+                "Convert a checkpoint saved before LeRobot 0.4 with lerobot.processor.migrate_policy_normalization",
             )
 
     def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
-        """Return a policy with the same weights and a separate memory."""
+        """Return a policy that shares the weights of this checkpoint but remembers its own past observations."""
         # A shallow copy shares the modules, and reset() replaces only the memory of this copy.
         made = copy.copy(self.policy)
         made.reset()
         return made
 
     def chunks(self, batch: Mapping[str, Any], seeds: Sequence[int]) -> np.ndarray:
-        """Return the chunks of several environments.
+        """Compute the action chunks of several environments at once.
 
         Args:
-            batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the instructions as "task".
-            seeds: One seed per environment, for policies that start from noise.
+            batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the list of instructions as
+                "task".
+            seeds: One seed per environment, for policies that generate actions from noise.
 
         Returns:
-            (B, horizon, dim) float64, in the units of the training data.
+            Action chunks as an array (B, horizon, dim) float64, in the units of the training data.
         """
         torch = self._torch
         with self.lock, torch.inference_mode(), self._precision():
@@ -207,7 +217,7 @@ class Checkpoint:
         return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
 
     def step(self, policy: Any, batch: Mapping[str, Any], seed: int) -> np.ndarray:  # noqa: ANN401 - LeRobot's
-        """Return the next action of one environment, (1, dim) float64."""
+        """Return the next action of one environment as an array (1, dim) float64."""
         torch = self._torch
         devices = [torch.device(self.device)] if self.device.startswith("cuda") else []
         with self.lock, torch.inference_mode(), self._precision(), torch.random.fork_rng(devices):
@@ -216,7 +226,7 @@ class Checkpoint:
         return np.asarray(done.float().cpu().numpy(), dtype=np.float64).reshape(1, -1)[:, : self.features.action]
 
     def tensor(self, array: np.ndarray) -> Any:  # noqa: ANN401 - a tensor
-        """Return an array as a tensor."""
+        """Convert a numpy array to a torch tensor."""
         return self._torch.from_numpy(array)
 
     def _precision(self) -> contextlib.AbstractContextManager[Any]:
@@ -236,7 +246,7 @@ _LOADING = threading.Lock()
 
 
 def load_checkpoint(address: PolicyAddress) -> Checkpoint:
-    """Return the checkpoint of "lerobot:CHECKPOINT", shared in this process while it is referenced.
+    """Load the checkpoint that an address "lerobot:CHECKPOINT" names. Policies in the same process share it.
 
     Raises the errors of :class:`Checkpoint`.
     """
@@ -255,7 +265,10 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
 
 
 def _processor_files(path: str) -> dict[str, Path]:
-    """Return the paths of a checkpoint's processor files, by name. LeRobot reports missing files later."""
+    """Return the paths of a checkpoint's processor files, by name.
+
+    Files that do not exist are left out, since LeRobot reports them itself.
+    """
     folder = Path(path)
     if folder.is_dir():
         return {name: folder / name for name in PROCESSORS if (folder / name).exists()}
@@ -264,21 +277,21 @@ def _processor_files(path: str) -> dict[str, Path]:
         try:
             found[name] = Path(hub.hf_hub_download(path, name))
         except errors.EntryNotFoundError as error:
-            # raise download errors: the file may exist, and LeRobot might download it a moment later
+            # Do not hide download errors: the file may exist on the hub, and LeRobot might download it a moment later.
             if isinstance(error, errors.LocalEntryNotFoundError):
                 raise
     return found
 
 
 def _weights_file(path: str) -> Path:
-    """Return the weights file of a checkpoint, downloaded if the checkpoint is on the hub."""
+    """Return the path of a checkpoint's weights file, which is downloaded if the checkpoint is on the hub."""
     if Path(path).is_dir():
         return Path(path) / _WEIGHTS
     return Path(_import("huggingface_hub").hf_hub_download(path, _WEIGHTS))
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of a checkpoint's files."""
+    """Return the SHA-256 of those files of a checkpoint that are loaded."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
@@ -291,14 +304,17 @@ def _fingerprint(path: str) -> str:
 
 
 def _told_type(path: str) -> str:
-    """Return the policy type in a folder's configuration, or an empty string for an id on the hub."""
+    """Return the policy type in the configuration of a checkpoint folder.
+
+    Return an empty string for an ID on the hub.
+    """
     file = Path(path) / "config.json"
     form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""
 
 
 def _located(target: str, where: str) -> str:
-    """Return the folder with the configuration, or the id on the hub."""
+    """Return the folder that contains a checkpoint's configuration, or the ID of a checkpoint on the hub."""
     folder = Path(target).expanduser()
     if (folder / _INSIDE / "config.json").is_file():
         folder /= _INSIDE
@@ -308,7 +324,9 @@ def _located(target: str, where: str) -> str:
     if folder.exists() or not _HUB_ID.fullmatch(target):
         there = "contains no config.json" if folder.exists() else "does not exist"
         raise InvalidInputError(
-            where, f"{target} {there}", "Give the folder pretrained_model saved by LeRobot, or OWNER/NAME on the hub"
+            where,
+            f"{target} {there}",
+            "Use the path of a folder pretrained_model saved by LeRobot, or OWNER/NAME of a checkpoint on the hub",
         )
     return target
 
@@ -322,7 +340,7 @@ def _check_form(file: Path, where: str) -> None:
         raise InvalidInputError(
             where,
             f"{file.name} has no policy type, so this is not a LeRobot checkpoint",
-            "Give another folder",
+            "Use the folder of a LeRobot checkpoint",
         )
 
 

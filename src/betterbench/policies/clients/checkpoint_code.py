@@ -1,10 +1,10 @@
-"""Check whether loading a LeRobot checkpoint would run its author's code. The user must allow this explicitly.
+"""Check of whether loading a LeRobot checkpoint would run Python code written by the checkpoint's author.
 
 LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step with a
-``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example
-``os.system``, and LeRobot calls it with the arguments in the file (``_resolve_step_class`` in
-``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository that
-the checkpoint names.
+``registry_name`` is part of LeRobot. A step with a ``class`` can name any function in any module, for example
+``os.system``, and LeRobot calls this function with the arguments in the file (``_resolve_step_class`` in
+``lerobot/processor/pipeline.py``). Some policy types also load a tokenizer with ``trust_remote_code`` from a repository
+that the checkpoint names. Both are refused unless the user states that the checkpoint is trusted.
 """
 
 from __future__ import annotations
@@ -27,19 +27,21 @@ _CODE_OF: Mapping[str, str] = {
     "paligemma_tokenizer_name": "google/paligemma-3b-pt-224",
     "tokenizer_assets_repo": "lerobot/eagle2hg-processor-groot-n1p5",
 }
-"""Fields that may name a repository with code to run, with LeRobot's own values."""
+"""Fields that may name a repository whose code is run, and for each the only value that is allowed, which is LeRobot's
+default.
+"""
 
 
 def require_no_code(config: object, files: Mapping[str, Path], where: str) -> None:
-    """Check that a checkpoint names only LeRobot's own code.
+    """Raise an error if loading a checkpoint would run code that is not part of LeRobot.
 
     Args:
-        config: Configuration, as read by LeRobot.
+        config: Configuration of the policy, as read by LeRobot.
         files: Paths of the processor files, by name.
-        where: Checkpoint name in messages.
+        where: Name of the checkpoint as shown in messages.
 
     Raises:
-        InvalidInputError: If the checkpoint names other code, or a processor file cannot be read.
+        InvalidInputError: If the checkpoint refers to other code, or a processor file cannot be read.
     """
     for name in _CODE_OF:
         _require_known(name, getattr(config, name, None), f"its {name}", where)
@@ -61,12 +63,14 @@ def _require_known(name: str, value: object, place: str, where: str) -> None:
     if known is not None and value is not None and value != known:
         shown = one_line(repr(value), most=80)
         raise InvalidInputError(
-            where, f"{place} is {shown} instead of {known!r}, so loading it would run code from there", _CURE
+            where,
+            f"{place} is {shown} instead of {known!r}, so loading the checkpoint would run code from that repository",
+            _CURE,
         )
 
 
 def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
-    """Return the steps of a processor."""
+    """Return the processor steps listed in a processor file."""
     cure = "Save the checkpoint again"
     text = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
@@ -80,7 +84,7 @@ def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
 
 
 def _entries(value: object) -> Iterator[tuple[str, object]]:
-    """Yield every key and value of all maps in a value, recursively."""
+    """Yield every key and value of all maps in a nested value."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield key, inner

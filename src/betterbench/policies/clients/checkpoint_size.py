@@ -1,7 +1,7 @@
-"""Limits on the network's size in the configuration of a LeRobot checkpoint.
+"""Limits on the size of the network that the configuration of a LeRobot checkpoint describes.
 
-LeRobot builds the network from ``config.json`` before reading the weights. A configuration with a width of a million
-would therefore fill all memory before any comparison with the weights.
+LeRobot builds the network from ``config.json`` before it reads the weights. Without a limit, a configuration with a
+layer width of a million would fill all memory before LeRobot notices that the weights do not match.
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ from betterbench.errors import InvalidInputError, one_line
 
 _STEPS = ("chunk_size", "action_chunk_size", "horizon", "n_action_steps", "n_obs_steps", "n_action_pred_token")
 _MOST_STEPS = 4096
-"""Maximum length of a chunk or history [steps]. LeRobot's own configurations use at most 100."""
+"""Maximum length of an action chunk or of an observation history [steps].
+
+LeRobot's own configurations use at most 100.
+"""
 
 _ALWAYS_ALLOWED = 16_000_000
-"""Number of parameters always allowed, because LeRobot first builds a backbone that it then replaces."""
+"""Number of parameters that is always allowed, because LeRobot first builds a backbone that it later replaces."""
 
 
 _MOST_TENSORS = 100_000
@@ -25,36 +28,32 @@ _MOST_TENSORS = 100_000
 
 
 def require_short_horizons(config: object, where: str) -> None:
-    """Check the chunk and history lengths in a configuration, because LeRobot allocates tables of these lengths.
+    """Check the lengths of chunks and histories in a configuration. LeRobot allocates tables of these lengths.
 
     Raises:
-        InvalidInputError: If a number is above 4,096.
+        InvalidInputError: If a length is above 4,096.
     """
     for name in _STEPS:
         value = getattr(config, name, None)
         if isinstance(value, int | float) and value > _MOST_STEPS:
             raise InvalidInputError(
                 where,
-                f"{name} of its config.json is {one_line(value, most=40)}, expected at most {_MOST_STEPS}",
+                f"{name} in config.json is {one_line(value, most=40)}, but at most {_MOST_STEPS} is supported",
                 "Correct config.json, or save the checkpoint again",
             )
 
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """Limit the number of parameters of networks built in this context by the size of the weights file.
-
-    A parameter takes at least one byte in the file, and four in LeRobot's own files. A network with more parameters
-    than the file has bytes therefore cannot be the saved network. PyTorch reserves the memory of a parameter, registers
-    the parameter and then fills it. The limit is checked at registration, before the memory is used.
+    """While this context is active, limit the number of parameters of each network to the size of the weights file.
 
     A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
     than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
-    parameter and then fills it. The limit is checked at registration, before the memory is used.
+    parameter and then fills it. The limit is checked when the parameter is registered, before its memory is used.
 
     Args:
         file_bytes: Size of the weights file [bytes].
-        where: Checkpoint name in messages.
+        where: Name of the checkpoint, as shown in messages.
 
     Raises:
         InvalidInputError: If a network exceeds the limit.
@@ -69,9 +68,9 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
             size = f"{most:,} parameters" if seen > most else f"{_MOST_TENSORS:,} weight tensors"
             raise InvalidInputError(
                 where,
-                f"its config.json describes a network with more than {size}, but the weights file has only "
+                f"config.json describes a network with more than {size}, but the weights file has only "
                 f"{file_bytes:,} bytes",
-                "Use config.json and the weights of the same checkpoint",
+                "Use a config.json and weights that belong to the same checkpoint",
             )
 
     modules = importlib.import_module("torch.nn.modules.module")

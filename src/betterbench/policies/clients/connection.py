@@ -1,4 +1,4 @@
-"""Connection used by all policy server clients, with reconnects, deadlines and retries."""
+"""Connection to a policy server, with reconnects, deadlines and retries. All clients of policy servers use it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request or connection attempt is repeated [s]. It is doubled each time."""
+"""Pause before a failed request or connection attempt is repeated for the first time [s].
+
+It doubles with each attempt.
+"""
 
 LONGEST_WAIT_S = 604_800
-"""Maximum of deadlines and of ``patience_s`` [s], a week."""
+"""Largest allowed value of the deadlines and of ``patience_s`` [s], which is one week."""
 
 MOST_RETRIES = 1000
-"""Maximum number of retries."""
+"""Largest allowed number of retries."""
 
 LONGEST_PAUSE_S = 5.0
-"""Longest pause before a retry [s]."""
+"""Longest pause between two attempts [s]."""
 
 
 class ClosableConnection(Protocol):
@@ -46,12 +49,13 @@ class ConnectionLimits:
     """Deadlines and retries of a connection to a policy server.
 
     Attributes:
-        timeout_s: Deadline of each request [s].
-        warmup_s: Deadline of the first reply [s], because many servers compile their model at the first request. After
-            a timeout, ``timeout_s`` is used.
-        retries: Number of times a request is repeated after a broken connection or a timeout.
-        patience_s: Time during which connections to an unreachable server are retried [s].
-        seed: Seed for jitter in the pauses, so that the clients of a lost server do not reconnect at the same time.
+        timeout_s: Maximum time for each request [s].
+        warmup_s: Maximum time for the first request [s]. It is longer than ``timeout_s``, because many servers compile
+            their model during the first request. If the first request times out, ``timeout_s`` applies from then on.
+        retries: Number of times that a request is repeated after a broken connection or a timeout.
+        patience_s: Time for which the client keeps trying to connect to an unreachable server [s].
+        seed: Seed for the random part of each pause. The randomness keeps the clients of a lost server from
+            reconnecting all at once.
     """
 
     timeout_s: float = 30.0
@@ -62,21 +66,21 @@ class ConnectionLimits:
 
     @classmethod
     def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
-        """Return the limits given in an address.
+        """Return the limits that the options of an address set.
 
-        Raises InvalidInputError if an option is not a number, or the deadline is zero.
+        Raises InvalidInputError if an option is not a number, or if a time limit is zero.
         """
         usual = cls()
         limits = cls(
             timeout_s=address.number("timeout", usual.timeout_s),
-            # a deadline given in the address also applies to the first request, unless warmup is given
+            # A timeout given in the address also applies to the first request, unless the address sets warmup as well.
             warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
             retries=address.whole("retries", usual.retries),
             patience_s=address.number("patience", usual.patience_s),
             seed=seed,
         )
         if min(limits.timeout_s, limits.warmup_s) <= 0.0:
-            raise address.error("the deadline must be above 0", "Give the number of seconds")
+            raise address.error("the deadline must be greater than 0", "Set it to a number of seconds")
         for name, value, most in (
             ("timeout", limits.timeout_s, LONGEST_WAIT_S),
             ("warmup", limits.warmup_s, LONGEST_WAIT_S),
@@ -84,21 +88,21 @@ class ConnectionLimits:
             ("retries", limits.retries, MOST_RETRIES),
         ):
             if value > most:
-                raise address.error(f"{name}={value:g} is too large", f"Give at most {most}")
+                raise address.error(f"{name}={value:g} is too large", f"Use at most {most}")
         return limits
 
 
 class PolicyConnection(Generic[Connection]):
-    """Connection to one server that reopens lost sockets.
+    """Connection to one policy server. If it is lost, it is opened again.
 
-    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends every wait.
+    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends all waiting.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
-        """Store the settings without contacting the server.
+        """Store the settings. The server is not contacted yet.
 
-        ``dial`` connects and does the handshake within the given time [s]. It raises OSError if another attempt may
-        succeed, and a BetterError otherwise.
+        ``dial`` connects to the server and does the handshake within the given time [s]. It raises OSError if another
+        attempt may succeed, and a BetterError otherwise.
         """
         self._where, self._dial, self._limits = where, dial, limits
         self._draw = np.random.default_rng(limits.seed)
@@ -110,19 +114,19 @@ class PolicyConnection(Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Counts of requests, retries and new connections since the last :meth:`count_anew`."""
+        """Numbers of requests, retries and reconnects since the last call of :meth:`count_anew`."""
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
-        """Reset the counts and times at the beginning of an episode."""
+        """Set the counts of requests, retries and reconnects to zero. This is called at the beginning of an episode."""
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection, and connect repeatedly until the server answers.
+        """Return the open connection. If there is none, try to connect until the server answers.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
-            HandshakeError: If the server declares other conventions.
+            HandshakeError: If the server declares different conventions than the client.
         """
         if self._connection is not None:
             return self._connection
@@ -132,7 +136,7 @@ class PolicyConnection(Generic[Connection]):
             self._check_open()
             left = self._limits.patience_s - (time.monotonic() - began)
             try:
-                # give the last attempt, or the only one if patience is 0, at least one second
+                # The last attempt gets at least one second. If patience is 0, it is also the only attempt.
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
                 left = self._limits.patience_s - (time.monotonic() - began)
@@ -153,13 +157,13 @@ class PolicyConnection(Generic[Connection]):
                 return self._connection
 
     def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
-        """Send a request, and retry if the connection breaks or the deadline passes.
+        """Send a request. Repeat it if the connection breaks or the deadline passes.
 
         Args:
-            exchange: Function that sends the request over a connection and returns the reply, within the given time
-                [s]. It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
+            exchange: Function that sends the request over a connection and returns the reply within the given time [s].
+                It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
                 otherwise.
-            replies: False for a message that the server does not answer.
+            replies: Whether the server sends a reply to this kind of message.
 
         Raises:
             PolicyError: If the reply is invalid, or the request failed after all retries.
@@ -172,7 +176,8 @@ class PolicyConnection(Generic[Connection]):
             try:
                 reply = exchange(connection, deadline)
             except PolicyError:
-                # more data on this connection may belong to the failed request
+                # The connection may still deliver data of the failed request, so it cannot be used for the next
+                # request.
                 self.drop()
                 raise
             except OSError as problem:
@@ -190,10 +195,10 @@ class PolicyConnection(Generic[Connection]):
             else:
                 self._warm = self._warm or replies
                 return reply
-        raise AssertionError("the last attempt returns or raises")
+        raise AssertionError("unreachable: the last attempt either returns or raises")
 
     def holds(self, connection: Connection) -> bool:
-        """Return whether a connection is the current connection."""
+        """Return whether the given connection is the one that is currently open."""
         return self._connection is connection
 
     def drop(self) -> None:
@@ -217,19 +222,21 @@ class PolicyConnection(Generic[Connection]):
 
 
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
-    """Return the key from the environment variable named in an address. Addresses must not contain keys.
+    """Return the API key from the environment variable that an address names.
 
-    Raises InvalidInputError if the variable is not set, or its value cannot be sent in a header.
+    The address contains only the name of the variable, since addresses must not contain keys.
+
+    Raises InvalidInputError if the variable is not set, or if its value cannot be sent in a header.
     """
     name = address.options.get(option)
     if name is None:
         return None
     key = os.environ.get(name, "")
     if not key or not key.isascii() or not key.isprintable():
-        raise address.error(f"the environment variable {name} contains no key", f"Set {name}")
+        raise address.error(f"the environment variable {name} contains no key", f"Set {name} to the key")
     return key
 
 
 def _brief(problem: OSError) -> str:
-    """Return a short description of an error."""
+    """Return a description of an error that has at most 200 characters."""
     return " ".join(str(problem.strerror or problem).split())[:200] or type(problem).__name__

@@ -1,11 +1,11 @@
-"""Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and the declarations of that server.
+"""Requests to Dexbotic's inference server (``http://host:7891/v1/infer``), and the server's description of its model.
 
-``POST /v1/infer`` takes JSON with the prompt, images (by slot number) as PNG files in base64, and a state. The answer
-contains ``actions``. In older releases, ``POST /process_frame`` takes the same data as a form with files and returns
-``response``. ``GET /v1/capabilities`` declares slots, state and action size. ``POST /v1/reset`` begins an episode. With
-forms, the first request of an episode has a flag instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
-``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
-``evaluation/policies/base_vla_agent.py``.
+``POST /v1/infer`` takes JSON with the prompt, a state, and the images as base64-encoded PNG files, which are numbered
+by camera slot. The answer contains ``actions``. Older releases have ``POST /process_frame`` instead, which takes the
+same data as a form with files and returns ``response``. ``GET /v1/capabilities`` declares the camera slots, the state
+and the number of values in an action. ``POST /v1/reset`` begins an episode. In form requests, a flag marks the first
+request of an episode instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``, ``dexbotic/client.py`` and
+``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark, ``evaluation/policies/base_vla_agent.py``.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _ANSWER, _FORM_ANSWER = "actions", "response"
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Paths of Dexbotic's other endpoints, derived from the request path.
+    """Endpoints of a Dexbotic server, derived from the path to which requests are sent.
 
     Attributes:
-        form: Whether requests are form data instead of JSON.
-        capabilities: Path of the server's declaration, empty for a form server.
-        reset: Path that resets an episode, empty for a form server.
+        form: Whether requests are sent as form data instead of JSON.
+        capabilities: Path at which the server describes its model. Empty for a server that takes forms.
+        reset: Path that begins a new episode. Empty for a server that takes forms.
     """
 
     form: bool
@@ -45,7 +45,10 @@ class Route:
 
     @classmethod
     def of(cls, path: str) -> Route | None:
-        """Return the route of a path, or None if Dexbotic has no such path. A proxy may add a prefix to the path."""
+        """Return the endpoints of a Dexbotic server, given a request path.
+
+        Return None if Dexbotic does not use this path. The path may begin with a prefix that a proxy has added.
+        """
         bare = path.rstrip("/")
         if bare.endswith(FORM_PATH):
             return cls(True, "", "")
@@ -56,20 +59,22 @@ class Route:
 
 
 def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]:
-    """Return the content type and body of a form with a request's data in the layout :data:`presets.DEXBOTIC`.
+    """Encode a request as a form. Return the content type and the body.
 
     Args:
-        request: ``observation`` with prompt, images by slot and, if the model uses one, a state. Other entries
-            (``send.KEY=VALUE``) become fields of the form.
-        first: Whether this is the first request of an episode, for models with a memory.
+        request: Request in the layout :data:`presets.DEXBOTIC`. Its ``observation`` contains the prompt, the images by
+            camera slot and, if the model uses one, a state. Other entries (``send.KEY=VALUE``) become fields of the
+            form.
+        first: Whether this is the first request of an episode. Models that remember earlier observations need to know
+            this.
 
     Raises:
-        PolicyError: If the request has another layout.
+        PolicyError: If the request has a different layout.
     """
     seen = request.get(OBSERVATION)
     images = seen.get("images") if isinstance(seen, Mapping) else None
     if not isinstance(seen, Mapping) or not isinstance(images, Mapping) or not all(map(str.isdecimal, images)):
-        raise PolicyError(f"{FORM_PATH} requires the layout of preset dexbotic. Give this preset, or another path.")
+        raise PolicyError(f"{FORM_PATH} requires the layout of preset dexbotic. Use this preset or another path.")
     fields = {"text": str(seen.get("prompt", "")), "episode_first_frame": str(first)}
     if isinstance(seen.get("state"), np.ndarray):
         fields["states"] = json.dumps(seen["state"].tolist())
@@ -86,18 +91,20 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
 
 
 def read_form_answer(reply: object) -> object:
-    """Return the answer to a form under the key that ``/v1/infer`` uses."""
+    """Convert the answer to a form request to the layout of ``/v1/infer``, with the actions under ``actions``."""
     return {_ANSWER: reply[_FORM_ANSWER]} if isinstance(reply, Mapping) and _FORM_ANSWER in reply else reply
 
 
 def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
-    """Return a server's declaration of its model, after comparing it with an adapter.
+    """Compare a server's description of its model with an adapter, and return the description.
 
-    Raises HandshakeError, with both declarations, if the model needs an image, a state or an action size that the
-    adapter lacks, or does not generate actions.
+    Raises HandshakeError if the model does not generate actions, or if it needs an image, a state or an action size
+    that the adapter does not provide. The message quotes the server's description and the adapter.
     """
     if not isinstance(told, Mapping):
-        raise HandshakeError(f"{where}: expected its capabilities as a map. Update the server.")
+        raise HandshakeError(
+            f"{where}: expected a map as the description of the server's capabilities. Update the server."
+        )
     found = []
     if told.get("vla") is False:
         found.append("the model generates text instead of actions")
@@ -116,7 +123,7 @@ def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str
     if found:
         raise HandshakeError(
             f"{where} and adapter {adapter.name} declare different conventions: {'; '.join(found)}. "
-            "Give another preset, or adapter=FILE."
+            "Use another preset, or adapter=FILE."
         )
     return {str(key): value for key, value in told.items()}
 

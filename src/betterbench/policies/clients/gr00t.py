@@ -1,22 +1,23 @@
-"""Client of Isaac GR00T's inference server: ``gr00t://host:port``.
+"""Client for Isaac GR00T's inference server: ``gr00t://host:port``.
 
-The server uses ZeroMQ REQ/REP. Each request is a msgpack map with an endpoint, its data, and the token if the server
-requires one. The server declares its modalities, which the client compares with the adapter at each connection. Source:
-Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
+The server uses ZeroMQ REQ/REP. Each request is a msgpack map with an endpoint, data for this endpoint, and a token if
+the server requires one. The server declares its modalities, which the client compares with the adapter whenever it
+connects. Source: Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
 
-A server without an observation history takes the observations of many environments in one request
-(:class:`Gr00tBatchClient`). A server that needs several time steps of images or state gets one client per environment.
-Such a client must receive every observation, so it executes the chunks itself and returns one action at a time.
+A policy without an observation history answers the observations of many environments in one request
+(:class:`Gr00tBatchClient`). A policy that needs images or states from several time steps gets one client per
+environment. Such a client must receive every observation, so it executes the chunks itself and returns one action at a
+time.
 
-Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
-options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both. The client warns if it detects
-this.
+For real-time chunking (``rtc_overlap_steps``), the client sends the rest of the old chunk as ``observation.action``,
+and the numbers of overlapping and frozen steps as options. NVIDIA/Isaac-GR00T#520 (N1.6:
+``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of N1.7 (``gr00t/model/gr00t_n1d7``) expect
+this format. The policies in GR00T's main branch ignore both entries, and the client warns if it detects this.
 
-Replies of N1.7 mark arrays and modalities differently from N1.6, but requests are the same.
+Replies of N1.7 mark arrays and modalities in a different way from N1.6, but requests are the same.
 
-Servers of the first N1.5 releases pickle with torch. betterbench does not support them, because unpickling an untrusted
-answer can run arbitrary code.
+Servers of the first N1.5 releases serialize messages with torch's pickle format. They are not supported, because
+unpickling an untrusted answer can run arbitrary code.
 """
 
 from __future__ import annotations
@@ -43,18 +44,20 @@ from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
 logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
-"""Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
-(N1.6 and N1.7 with the simulation wrapper), or this map as the whole request data, without options (N1.5).
+"""Layout of an observation in a request.
+
+"nested": one map per modality (N1.6 and N1.7). "flat": one map with names such as ``video.front`` (N1.6 and N1.7 with
+the simulation wrapper). "n1.5": the flat map is the entire request data, without options (N1.5).
 """
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
-"""Arrays of one environment at a single time step, (1, 1, ...), by modality and name."""
+"""Arrays of one environment at one time step, each of shape (1, 1, ...), by modality and name."""
 
 RAMP_RATE = 6.0
-"""Default decay rate of the constraint on the overlapping actions of a new chunk, as in N1.6's action head."""
+"""Default rate at which the constraint on the overlapping actions of a new chunk decays, as in N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
-"""Allowed deviation of a frozen action, relative to the largest action."""
+"""Deviation that is tolerated in an action that the new chunk should keep, relative to the largest action."""
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
@@ -64,7 +67,7 @@ _NO_PICKLES = (
 
 
 class Gr00tServer(EndpointServer):
-    """Server that uses msgpack and has the modalities of the adapter."""
+    """Connection to a GR00T server, which uses msgpack. The server's modalities are compared with the adapter."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
         self._adapter = adapter
@@ -87,7 +90,7 @@ class Gr00tServer(EndpointServer):
 
 
 class Gr00tClient(ServerClient[Gr00tServer]):
-    """GR00T policy. Each environment has its own client."""
+    """Client for a GR00T policy. Each environment needs its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
@@ -117,11 +120,11 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return server
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64."""
+        """Return the next action chunk as an array (horizon, dim) float64."""
         return self._ask([self._seen(observation)], [observation])[0]
 
     def _seen(self, observation: Observation) -> Seen:
-        """Return the policy's inputs from one observation."""
+        """Return the policy's inputs, taken from one observation."""
         seen: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in SEEN}
         for key, image in self.adapter.images(observation).items():
             seen["video"][name_of(key)] = image[None, None]
@@ -131,7 +134,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return seen
 
     def _ask(self, seen: Sequence[Seen], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Request the actions of some environments."""
+        """Request the action chunks of one or more environments."""
         return self._read(self._answer(seen, observations, {}, None), observations)
 
     def _answer(
@@ -141,9 +144,10 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         more: Mapping[str, Any],
         options: Mapping[str, Any] | None,
     ) -> dict[str, np.ndarray]:
-        """Return the arrays of a server's answer by name without prefix, each (environments, horizon, dim).
+        """Send a request and return the action arrays in the answer, each (environments, horizon, dim).
 
-        ``more`` is added to the observation in the nested layout. ``options`` are sent next to the observation.
+        The keys are the names of the actions without the prefix "action.". The entries in ``more`` are added to the
+        observation, which requires the nested layout. ``options`` are sent next to the observation.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
@@ -157,14 +161,14 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return self._arrays(reply, len(observations))
 
     def _read(self, arrays: Mapping[str, np.ndarray], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return each environment's actions from an answer's arrays."""
+        """Return the action chunk of each environment from the arrays of an answer."""
         return [
             self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
             for i, observation in enumerate(observations)
         ]
 
     def _data(self, message: dict[str, Any], instructions: list[str]) -> dict[str, Any]:
-        """Return the data of ``get_action`` in the server's layout."""
+        """Return the data of a ``get_action`` request in the layout that the server expects."""
         language = self.modalities.language
         name = language[0] if language else name_of(self.adapter.instruction.key)
         if self._layout == "nested":
@@ -178,7 +182,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return {"observation": {**flat, name: instructions}, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
-        """Return the arrays of a reply by name without prefix, each (count, horizon, dim)."""
+        """Return the action arrays in a reply, each (count, horizon, dim), by name without the prefix "action."."""
         actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
         if not isinstance(actions, Mapping):
             raise PolicyError(f"{self._where}: expected actions in reply to get_action, got {type(reply).__name__}.")
@@ -200,12 +204,12 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                     f"Send ({count}, horizon, size), one chunk for each environment in the request."
                 )
             if name in arrays:
-                raise PolicyError(f"{self._where}: the action {shown!r} is given twice. Send it once.")
+                raise PolicyError(f"{self._where}: the action {shown!r} occurs twice in the reply. Send it once.")
             arrays[name] = array
         return arrays
 
     def _as_adapter(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Return the arrays under the keys that the adapter expects."""
+        """Rename the arrays to the keys that the adapter expects."""
         message: dict[str, Any] = {}
         for key in self.adapter.answer.columns:
             name = name_of(key)
@@ -217,21 +221,21 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
 
 class Gr00tBatchClient(Gr00tClient):
-    """GR00T policy without an observation history. One client serves many environments."""
+    """Client for a GR00T policy without an observation history. One client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments. No state needs to be reset."""
+        """Begin an episode in one of the environments. The client keeps no state between episodes."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments, from one request."""
+        """Return the next action chunk of each of several environments. The chunks are requested together."""
         return self._ask([self._seen(observation) for observation in observations], observations)
 
 
 class Gr00tHistoryClient(Gr00tClient):
-    """Client for a GR00T policy with an observation history.
+    """Client for a GR00T policy that needs observations from several time steps.
 
-    The client gets the observation of every control step and executes the chunks.
+    The client must receive the observation of every control step, and it executes the action chunks itself.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
@@ -239,8 +243,8 @@ class Gr00tHistoryClient(Gr00tClient):
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
             raise address.error(
-                "the server needs several time steps, so chunks cannot be requested ahead of time",
-                "Leave out ahead and ensemble",
+                "the server needs observations of several time steps, so chunks cannot be requested ahead of time",
+                "Omit the options ahead and ensemble",
             )
         self._horizon = self.info.execution.horizon
         self.info = PolicyInfo(
@@ -254,18 +258,21 @@ class Gr00tHistoryClient(Gr00tClient):
         self._chunk: list[np.ndarray] = []
 
     def reset(self, start: EpisodeStart) -> None:
-        """Clear the state of the last episode, also on the server if it has a reset endpoint."""
+        """Clear the observations and actions of the last episode, also on the server if it has a reset endpoint."""
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
             self._connection.request(_forget)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64. A request is sent when a chunk has been executed."""
+        """Return the next action as an array (1, dim) float64.
+
+        A new chunk is requested when the last chunk has been executed.
+        """
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
-        # keep the last frame before the oldest step, in case that step was not observed
+        # Keep one observation from before the oldest step, because it stands in if that step was not observed.
         for step in sorted(s for s in self._frames if s < oldest)[:-1]:
             del self._frames[step]
         if not self._chunk:
@@ -280,19 +287,20 @@ class Gr00tHistoryClient(Gr00tClient):
         return self._chunk.pop(0)[None]
 
     def _frame(self, step: int) -> Seen:
-        """Return the last observation up to a step, or the first observation if there is none."""
+        """Return the latest observation made at or before a step. If there is none, return the first observation."""
         before = [s for s in self._frames if s <= step]
         return self._frames[max(before) if before else min(self._frames)]
 
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Overlap of a new action chunk with the previous chunk.
+    """Overlap of a new action chunk with the previous chunk, for real-time chunking.
 
     Attributes:
         steps: Number of control steps that both chunks cover.
-        frozen: Number of initial overlapping steps whose actions are kept from the old chunk.
-        ramp_rate: Decay rate of the constraint on the actions in the other overlapping steps.
+        frozen: Number of steps, at the beginning of the overlap, in which the new chunk keeps the actions of the old
+            chunk.
+        ramp_rate: Rate at which the influence of the old chunk decays during the other steps of the overlap.
     """
 
     steps: int
@@ -301,14 +309,15 @@ class Overlap:
 
     @classmethod
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
-        """Read the overlap from an address, or return None if it sets none. By default, ``ahead`` steps are frozen.
+        """Read the overlap from an address. Return None if the address does not request real-time chunking.
 
-        Raises InvalidInputError if the numbers contradict each other.
+        By default, the first ``ahead`` steps of the overlap are frozen. Raises InvalidInputError if the numbers of
+        steps contradict each other.
         """
         given = [name for name in ("rtc_frozen_steps", "rtc_ramp_rate") if name in address.options]
         if "rtc_overlap_steps" not in address.options:
             if given:
-                raise address.error(f"{given[0]} has no effect without rtc_overlap_steps", "Give both")
+                raise address.error(f"{given[0]} has no effect without rtc_overlap_steps", "Set both options")
             return None
         overlap = cls(
             address.whole("rtc_overlap_steps"),
@@ -318,33 +327,44 @@ class Overlap:
         if not overlap.steps >= 1 or overlap.frozen > overlap.steps:
             raise address.error(
                 f"{overlap.frozen} frozen steps do not fit into an overlap of {overlap.steps} steps",
-                "rtc_overlap_steps must be at least 1, and not less than rtc_frozen_steps (by default ahead)",
+                "Set rtc_overlap_steps to at least 1 and at least rtc_frozen_steps (which is ahead by default)",
             )
         return overlap
 
 
 class Gr00tOverlapClient(Gr00tClient):
-    """GR00T policy with real-time chunking. Each environment has its own client."""
+    """Client for a GR00T policy with real-time chunking. Each environment needs its own client."""
 
     def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
-        wrong = "chunks cannot be averaged" if self.info.execution.ensemble is not None else ""
-        wrong = f"layout={self._layout} has no entry for a chunk" if self._layout != "nested" else wrong
-        wrong = "the server needs several time steps" if self.modalities.remembers else wrong
+        wrong = (
+            ("chunks cannot be continued and averaged at the same time")
+            if self.info.execution.ensemble is not None
+            else ""
+        )
+        wrong = (
+            (f"requests with layout={self._layout} have no entry for the previous chunk")
+            if self._layout != "nested"
+            else wrong
+        )
+        wrong = "the server needs observations of several time steps" if self.modalities.remembers else wrong
         if wrong:
             self.close()
-            raise address.error(f"rtc_overlap_steps is not possible: {wrong}", "Leave out rtc_overlap_steps")
+            raise address.error(f"rtc_overlap_steps cannot be used: {wrong}", "Omit rtc_overlap_steps")
         self._overlap = overlap
-        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step and answer of the last request
+        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step of the last request, and its answer
         self._told = False
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode, and drop the rest of the last chunk."""
+        """Begin an episode and discard the rest of the last chunk."""
         super().reset(start)
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64. The request contains the rest of the last chunk."""
+        """Return the next action chunk as an array (horizon, dim) float64.
+
+        The request contains the rest of the last chunk.
+        """
         more, options = self._continuation(observation.step)
         arrays = self._answer([self._seen(observation)], [observation], more, options)
         if more and not self._told:
@@ -353,9 +373,9 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the additional entries of an observation, and the options.
+        """Return the entries and options of a request for a new chunk that continues the last chunk.
 
-        The result is empty if too few actions are left.
+        The entries are added to the observation. Both are empty if too few actions of the last chunk are left.
         """
         if self._last is None:
             return {}, None
@@ -374,13 +394,16 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if a server changes the frozen actions, because it then silently ignores real-time chunking."""
+        """Warn once if the new chunk changes actions that the server should keep.
+
+        In that case, the server ignores real-time chunking.
+        """
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)
             if new is None or new.shape != old.shape or not self._overlap.frozen:
                 continue
-            # models compute in bfloat16 (8 bits of precision), relative to the data's range
+            # Models compute in bfloat16, which has 8 bits of precision relative to the range of the data.
             if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
                 self._told = True
                 logger.warning(
@@ -393,7 +416,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Return a client for a GR00T server. It supports batches if the server needs no observation history."""
+    """Connect to a GR00T server. The returned client answers batches if the policy needs no observation history."""
     overlap = Overlap.of(address, address.whole("ahead", 0))
     if overlap is not None:
         return Gr00tOverlapClient(address, overlap, seed=seed)
@@ -405,7 +428,7 @@ def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
 
 
 def _forget(server: Gr00tServer, timeout_s: float) -> None:
-    """Reset the server at the beginning of an episode. N1.5 servers have no such endpoint."""
+    """Tell the server that a new episode begins. N1.5 servers have no endpoint for this, so their error is ignored."""
     try:
         server.call("reset", {"options": None}, timeout_s)
     except PolicyError as error:

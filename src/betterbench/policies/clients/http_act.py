@@ -1,9 +1,9 @@
-"""Client of servers with ``POST /act`` (``http://host:port/act``), such as OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic.
+"""Client for servers with ``POST /act`` (``http://host:port/act``), such as OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic.
 
-Each request uses a new connection, without a handshake. Because these servers do not declare their inputs and outputs,
-the address must name a preset or an adapter. Dexbotic's server (:mod:`betterbench.policies.clients.dexbotic`) declares
-its images and action size, which the client compares with the adapter. Source: OpenVLA and OpenVLA-OFT,
-``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
+Each request uses a new connection, without a handshake. Most of these servers do not declare their inputs and outputs,
+so the policy address must name a preset or an adapter. Only Dexbotic's server
+(:mod:`betterbench.policies.clients.dexbotic`) declares its images and action size, which the client compares with the
+adapter. Source: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ _LONGEST_BODY_SHOWN = 2000
 
 @dataclass(frozen=True, slots=True)
 class HttpAnswer:
-    """Status and body of an answer."""
+    """Status code and body of an HTTP response."""
 
     status: int
     body: bytes
 
 
 class HttpServer:
-    """Address of an HTTP server, with the headers for its requests.
+    """HTTP server, with the headers that each request to the server needs.
 
-    Each request opens a new connection, as the servers' own clients do.
+    Each request opens a new connection, as the original clients of these servers do.
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
-        """Raise OSError unless a server listens."""
+        """Store the settings, and check that the server accepts connections. Raises OSError if it does not."""
         self._host, self._port = address.server()
         encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
         self._tls = ssl.create_default_context() if encrypted else None
@@ -67,13 +67,17 @@ class HttpServer:
         socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
 
     def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
-        """Send a body to the path of the address or to another path, and return the answer (see :meth:`ask`)."""
+        """Send a POST request and return the answer (see :meth:`ask`).
+
+        The default path is the path in the policy address.
+        """
         return self.ask("POST", path or self._path, body, timeout_s, kind=kind)
 
     def ask(self, method: str, path: str, body: bytes, timeout_s: float, *, kind: str = JSON) -> HttpAnswer:
         """Send a request and return the complete answer, which must arrive within ``timeout_s`` [s].
 
-        Raises OSError if the answer does not arrive or the connection broke, and PolicyError if the body is too large.
+        Raises OSError if the answer does not arrive or the connection breaks, and PolicyError if the answer is too
+        large.
         """
         end = time.monotonic() + timeout_s
         typed, sized = ([f"Content-Type: {kind}"], [f"Content-Length: {len(body)}"]) if method == "POST" else ([], [])
@@ -104,7 +108,7 @@ class HttpServer:
 
 
 class _Source(io.RawIOBase):
-    """Socket with one deadline for all reads, with the file interface that the standard library's HTTP parser needs."""
+    """Socket with one deadline for all reads, with the file methods that Python's HTTP parser calls."""
 
     def __init__(self, connected: socket.socket, end: float) -> None:
         self._socket, self._end = connected, end
@@ -124,7 +128,7 @@ class _Source(io.RawIOBase):
 
 
 class HttpActClient(ServerClient[HttpServer]):
-    """Policy behind ``POST /act``. Each environment has its own client."""
+    """Client for a policy served at ``POST /act``. Each environment needs its own client."""
 
     feeds_back = True
 
@@ -138,23 +142,23 @@ class HttpActClient(ServerClient[HttpServer]):
         self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
         self._capabilities: Mapping[str, Any] = {}
         self._first = True
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the fed-back numbers
+        self._last: tuple[int, np.ndarray] | None = None  # step and values of the last answer, to send back
         self._connection.open()
         self.info = describe_remote_policy(address, self.adapter, self._capabilities, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode, and notify a server that has a reset endpoint."""
+        """Begin an episode. If the server has a reset endpoint, call it."""
         super().reset(start)
         self._first = True
         route = self._route
         if route is not None and route.reset:
-            # ignore the answer: most models have nothing to reset, and some servers lack this path
+            # The answer is ignored, because most models have nothing to reset, and some servers lack this path.
             self._connection.request(
                 lambda server, timeout_s: server.post(b"{}", timeout_s, path=route.reset), replies=False
             )
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64."""
+        """Return the next action chunk as an array (horizon, dim) float64."""
         request = self._fed_back(self.adapter.request(observation), observation.step)
         kind, form = JSON, self._route is not None and self._route.form
         if form:
@@ -166,12 +170,13 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} replies {one_line(reply)!r}, the answer of these servers to any failure. See the "
-                "server's log, and compare the keys that it reads with the adapter."
+                f"{self._where} replies {one_line(reply)!r}, which servers of this kind return for any "
+                "failure. See the server's log, and compare the keys that the server reads with those of the "
+                "adapter."
             )
         if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
-        # OpenVLA returns an array, OpenVLA-OFT a list of arrays
+        # OpenVLA returns one array, whereas OpenVLA-OFT returns a list of arrays.
         reply = self.adapter.named(_stacked(reply), self._where)
         actions = self.adapter.actions(reply, observation)
         if self.adapter.feedback is not None:
@@ -180,7 +185,10 @@ class HttpActClient(ServerClient[HttpServer]):
         return actions
 
     def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
-        """Return a request whose state begins with the last action executed in this trial, if any."""
+        """Replace the beginning of the state in a request with the last executed action, if the adapter asks for this.
+
+        If no action has been executed in this episode, the request remains unchanged.
+        """
         feedback, last = self.adapter.feedback, self._last
         if feedback is None or last is None or step <= last[0]:
             return request
@@ -190,7 +198,11 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return a valid answer. Raises HandshakeError if the server rejects or redirects it."""
+        """Send a body and return the answer if its status is 200 (OK).
+
+        Raises HandshakeError if the server rejects or redirects the request, or if the path does not exist on the
+        server. Raises ConnectionError if another attempt may succeed, and PolicyError otherwise.
+        """
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
@@ -198,10 +210,12 @@ class HttpActClient(ServerClient[HttpServer]):
         if status in _REFUSED:
             raise HandshakeError(
                 f"{self._where} rejects this client (HTTP {status}). "
-                "Give api_key_env=NAME with the environment variable that contains the key."
+                "Add api_key_env=NAME to the address, where NAME is the environment variable with the key."
             )
         if 300 <= status < 400:
-            raise HandshakeError(f"{self._where} redirects (HTTP {status}). Give the final address.")
+            raise HandshakeError(
+                f"{self._where} redirects requests to another address (HTTP {status}). Use that address."
+            )
         if status in _ABSENT:
             older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
             raise HandshakeError(
@@ -216,7 +230,10 @@ class HttpActClient(ServerClient[HttpServer]):
         raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
 
     def _dial(self, timeout_s: float) -> HttpServer:
-        """Check that the server listens, and compare its declaration, if any."""
+        """Check that the server accepts connections.
+
+        If the server describes its model, compare the description with the adapter.
+        """
         end = time.monotonic() + timeout_s
         server = HttpServer(self._address, self._key, timeout_s=timeout_s)
         if self._route is not None and self._route.capabilities:
@@ -232,7 +249,7 @@ class HttpActClient(ServerClient[HttpServer]):
 
 
 def _stacked(reply: object) -> object:
-    """Return a list of arrays as one array, and other values unchanged."""
+    """Stack a list of arrays into one array. Return any other value unchanged."""
     if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
         try:
             return np.stack([number_array(row) for row in reply])
@@ -242,7 +259,7 @@ def _stacked(reply: object) -> object:
 
 
 def _told(reply: object) -> str:
-    """Return the error message in an answer, on one line."""
+    """Return the error message that an answer contains, as one line of text."""
     if isinstance(reply, Mapping):
         reply = reply.get("error", reply.get("detail", reply))
     return one_line(reply) or "no message"

@@ -1,13 +1,14 @@
-"""LeRobot policies in this process, with the address ``lerobot:CHECKPOINT`` (a folder or a hub id).
+"""LeRobot policies that run in this process, with the address ``lerobot:CHECKPOINT`` (a folder or a hub id).
 
-The checkpoint declares the images, the state and the action size used in training. The adapter is derived from these
-declarations, unless the address names an adapter. The checkpoint's own processors do the normalization.
+The checkpoint declares the images, the state and the action size that were used in training. The adapter, which
+converts observations and actions, is derived from these declarations unless the address names an adapter. The
+checkpoint's own processors normalize the inputs and outputs.
 
-:mod:`betterbench.policies.clients.lerobot_types` lists policy types and their requirements. Policies that answer a
-chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches, so one instance serves many environments. Each
-answer, including the noise of flow policies, depends only on its own observation. All other types (diffusion, VQ-BeT,
-TD-MPC and policies with a memory of observations) are called at every step and execute their own chunks, as in
-LeRobot's evaluation. Their instances share the weights.
+:mod:`betterbench.policies.clients.lerobot_types` lists the policy types and the packages they need. Policies that
+predict a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) accept batches, so one instance serves many
+environments. Each answer depends only on the observation of its own environment. This includes the noise from which
+flow policies generate actions. All other types (diffusion, VQ-BeT, TD-MPC and policies that remember observations) are
+called at every step and execute their chunks themselves, as in LeRobot's evaluation. Their instances share the weights.
 """
 
 from __future__ import annotations
@@ -38,26 +39,29 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""State layouts of betterbench's LeRobot environment. If actions are motor positions, the state has the same units."""
+"""State layouts of betterbench's LeRobot environment.
+
+If actions are motor positions, the state contains motor positions in the same units.
+"""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""Camera by the name used in LeRobot's LIBERO data sets."""
+"""Camera for each image name that LeRobot's LIBERO data sets use."""
 
 _MOST_SHOWN = 12
-"""Maximum number of differences in one message."""
+"""Maximum number of differences listed in one message."""
 
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """Policy that answers complete chunks. One instance serves many environments."""
+    """LeRobot policy that predicts complete chunks. One instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
-        # an adapter in the address is used unchanged
+        # An adapter that the address names is used as it is.
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
@@ -78,7 +82,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return the execution settings for chunks, from the address or else as in LeRobot's evaluation."""
+        """Return how chunks are executed: as the policy address requests or, by default, as in LeRobot's evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
@@ -88,15 +92,18 @@ class LerobotPolicy(AdaptedPolicy):
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one environment. Raises HandshakeError if the episode uses another action space."""
+        """Begin an episode in one environment. Raises HandshakeError if the episode uses a different action space."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64. Raises PolicyError if the answer cannot be read."""
+        """Return the next action chunk, (horizon, dim) float64.
+
+        Raises PolicyError if the policy's output cannot be used.
+        """
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments."""
+        """Return the next action chunk of each of several environments."""
         noisy = self._checkpoint.type in NOISE_TYPES
         seeds = [seed_of(seen) for seen in observations] if noisy else []
         chunks = self._checkpoint.chunks(self._batch(observations), seeds)
@@ -105,7 +112,7 @@ class LerobotPolicy(AdaptedPolicy):
         ]
 
     def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Return the input of LeRobot's processors: tensors with a leading batch axis, and the instructions."""
+        """Return the input for LeRobot's processors, as tensors with a leading batch axis and the instructions."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
         shown = [self.adapter.images(seen) for seen in observations]
@@ -120,14 +127,17 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """Policy with a memory. Each environment has its own instance, and all instances share the weights."""
+    """LeRobot policy that remembers earlier observations.
+
+    Each environment has its own instance, and all instances share the weights.
+    """
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         given = address.given(EXECUTION)
         if given:
             raise address.error(
-                f"a policy of type {checkpoint.type} gets every observation and executes its own chunks",
-                f"Leave out {', '.join(given)}. The checkpoint's n_action_steps sets the horizon",
+                f"a policy of type {checkpoint.type} gets every observation and executes its chunks itself",
+                f"Omit {', '.join(given)}. The checkpoint's n_action_steps sets the horizon",
             )
         self._inner = LerobotPolicy(address, checkpoint)
         self._checkpoint, self._policy = checkpoint, checkpoint.sibling()
@@ -136,23 +146,23 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Reset the memory. Raises HandshakeError if the new episode uses another action space."""
+        """Clear the memory for a new episode. Raises HandshakeError if the episode uses a different action space."""
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.episode
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64. Raises PolicyError if the answer cannot be read."""
+        """Return the next action, (1, dim) float64. Raises PolicyError if the policy's output cannot be used."""
         batch = self._inner._batch([observation])
         seed = seed_of(observation, self._seed)
         return self.adapter.actions({_ACTION[0]: self._checkpoint.step(self._policy, batch, seed)}, observation)
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Return the policy of a checkpoint. It accepts batches if it predicts chunks from single observations.
+    """Load the policy of a LeRobot checkpoint. It supports batches if it predicts chunks from single observations.
 
-    Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
-    address does not match the checkpoint.
+    Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter that the
+    address names does not match the checkpoint.
     """
     checkpoint = load_checkpoint(address)
     remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
@@ -162,11 +172,11 @@ def load_lerobot(address: PolicyAddress) -> Policy:
 
 
 def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
-    """Derive the adapter from a checkpoint and from the options state, action_space and camera.KEY of an address.
+    """Derive the adapter from a checkpoint and from the options state, action_space and camera.KEY of a policy address.
 
     Raises:
-        InvalidInputError: If a convention remains unknown. The message names the option to give.
-        UnknownNameError: If an option's value does not exist.
+        InvalidInputError: If a convention is still unknown. The message names the option that sets it.
+        UnknownNameError: If an option has a value that does not exist.
     """
     where = f"policy {address}"
     answer = _answer(address, features, where)
@@ -179,8 +189,8 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         if size != rule.size:
             raise InvalidInputError(
                 where,
-                f"its {one_line(key, most=100)} has {size} numbers, but the known states have {rule.size}",
-                "Give adapter=FILE with the parts of the state",
+                f"its {one_line(key, most=100)} has {size} numbers, but the known state layout has {rule.size}",
+                "Add adapter=FILE, where FILE describes the parts of the state",
             )
         states.append(rule)
     views = tuple(
@@ -193,7 +203,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         raise InvalidInputError(
             where,
             f"the camera {min(shared)} would be used for several inputs: {one_line(keys)}",
-            "Give camera.KEY=NAME for each",
+            "Add camera.KEY=NAME to the policy address for each of these inputs",
         )
     return Adapter(
         "lerobot",
@@ -205,7 +215,10 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
 
 def compare_features(adapter: Adapter, features: Features, where: str) -> None:
-    """Raise a HandshakeError with both sides if an adapter and a checkpoint declare different features."""
+    """Raise a HandshakeError if an adapter and a checkpoint declare different features.
+
+    The message lists the differences.
+    """
     wanted = {
         **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},
@@ -232,7 +245,11 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
 
 
 def seed_of(observation: Observation, salt: int = 0) -> int:
-    """Return a seed that depends only on the observation, not on the rest of the batch."""
+    """Return a random seed computed from one observation.
+
+    The seed does not depend on the other observations in a batch. ``salt`` makes the seeds of different episodes differ
+    even if their observations are equal.
+    """
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
     digest.update(np.asarray(observation.ee_position, np.float64).tobytes())
@@ -243,7 +260,7 @@ def seed_of(observation: Observation, salt: int = 0) -> int:
 
 
 def _camera(key: str, address: PolicyAddress, where: str) -> str:
-    """Return the camera for an image input."""
+    """Return the name of the camera whose image is used for an image input of the checkpoint."""
     given = address.options.get(f"camera.{key}")
     if given is not None:
         return given
@@ -258,12 +275,15 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
     raise InvalidInputError(
         where,
         f"the camera for {shown} is unknown",
-        f"Add camera.{shown}=NAME with one of {', '.join(_CAMERAS)}",
+        f"Add camera.{shown}=NAME to the policy address, where NAME is one of {', '.join(_CAMERAS)}",
     )
 
 
 def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
-    """Return the rule that converts answers to actions, for the number of values that the checkpoint declares."""
+    """Return the rule that converts the policy's answers to actions.
+
+    It has as many values as the checkpoint declares.
+    """
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
     parts: tuple[AnswerPart, ...]
@@ -277,9 +297,9 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
         sized = ", ".join(name for name in OWN_SPACES if action_space(name).dim == features.action)
         raise InvalidInputError(
             where,
-            f"the meaning of the {features.action} numbers of its actions is unknown",
-            f"Add action_space=NAME ({sized}), or adapter=FILE"
+            f"the meaning of the {features.action} numbers in an action is unknown",
+            f"Add action_space=NAME to the policy address ({sized}), or adapter=FILE"
             if sized
-            else "Give adapter=FILE with the parts of the answer",
+            else "Add adapter=FILE, where FILE describes the parts of the answer",
         )
     return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

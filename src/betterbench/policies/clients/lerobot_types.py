@@ -1,4 +1,4 @@
-"""Policy types of LeRobot, with their additional requirements.
+"""LeRobot's policy types, and the packages besides LeRobot that each type needs.
 
 Sources: ``pyproject.toml`` and ``src/lerobot/policies/factory.py`` in LeRobot 0.4.4 and 0.6.
 """
@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """Requirements of a policy type, with the required modules and the LeRobot extra that installs them."""
+    """Modules that a policy type needs, and the LeRobot extra that installs them."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()
@@ -44,35 +44,38 @@ POLICY_TYPES: Mapping[str, Needs] = {
     "vla_jepa": Needs("vla_jepa", ("transformers", "diffusers", "qwen_vl_utils")),
     "lingbot_va": Needs("lingbot_va", ("transformers", "diffusers", "accelerate")),
 }
-"""Policy types by name. The installed release of LeRobot decides which of them are available."""
+"""Requirements of each policy type. Which types are available depends on the installed release of LeRobot."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
 """Reward models of LeRobot, which are listed among its policies but do not return actions."""
 
 
 def require_type(kind: str, known: Collection[str], where: str) -> None:
-    """Check that the installed LeRobot can load a policy type, before large files are read.
+    """Check that the installed LeRobot can load a policy type. The check comes before large files are read.
 
     Args:
-        kind: The policy type of a checkpoint.
-        known: The types that the installed LeRobot knows, including plugins.
-        where: Checkpoint name in messages.
+        kind: Policy type that the checkpoint names.
+        known: Policy types that the installed LeRobot knows, including plugins.
+        where: Name of the checkpoint, as shown in messages.
 
     Raises:
-        InvalidInputError: If the type is not a policy, or not known.
-        MissingDependencyError: If a package that the type needs is not installed. The message names the extra.
+        InvalidInputError: If the type is unknown, or is a reward model instead of a policy.
+        MissingDependencyError: If a package that the type needs is not installed. The message names the LeRobot extra
+            that installs the package.
     """
     release = _release()
     if kind in REWARD_MODELS:
         raise InvalidInputError(
-            where, f"its type {kind} is a reward model, which does not return actions", "Give a policy checkpoint"
+            where,
+            f"the checkpoint type {kind} is a reward model, which does not return actions",
+            "Use the checkpoint of a policy",
         )
     if kind not in known:
         listed = ", ".join(_with_extra(name) for name in sorted(set(known) - set(REWARD_MODELS)))
         raise InvalidInputError(
             where,
-            f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
-            f"Install a release that supports its type, or give a checkpoint of one of these types: {listed}",
+            f"the checkpoint type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
+            f"Install a release that supports this type, or use a checkpoint of one of these types: {listed}",
         )
     needs = POLICY_TYPES.get(kind, Needs())
     missing = [module for module in needs.modules if importlib.util.find_spec(module) is None]
@@ -88,15 +91,16 @@ def _with_extra(kind: str) -> str:
 
 
 def _install(extra: str, release: str) -> str:
-    """Return the install instructions for an extra. Not every release has all extras."""
+    """Return the instruction to install a LeRobot extra. Not every release of LeRobot has all extras."""
     try:
         offered = importlib.metadata.metadata("lerobot").get_all("Provides-Extra") or []
     except importlib.metadata.PackageNotFoundError:
         offered = []
     if offered and extra not in offered:
         return (
-            f"LeRobot {release} has no extra for it: install lerobot[{extra}] of LeRobot 0.6 on Python 3.12, "
-            "or serve the checkpoint from such an environment with better serve lerobot:CHECKPOINT."
+            f"LeRobot {release} has no extra for this policy type. Install lerobot[{extra}] of LeRobot 0.6 on "
+            "Python 3.12, or serve the checkpoint from such an environment with better serve "
+            "lerobot:CHECKPOINT."
         )
     return f"Run: {package_command(f'lerobot[{extra}]')}"
 

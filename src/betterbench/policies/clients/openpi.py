@@ -1,18 +1,19 @@
-"""Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
+"""Client for openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
-The server first sends a metadata map, and then answers each observation frame with an action frame. A text frame is an
-error and ends the connection. No reset is needed, because each observation is independent. Source: openpi's
-``packages/openpi-client``.
+The server first sends a metadata map, and then answers each observation with an action. Both are binary frames. A text
+frame reports an error and ends the connection. The server needs no reset, because each observation is independent.
+Source: openpi's ``packages/openpi-client``.
 
-Other servers with this protocol differ in details, which are supported too. Arrays in answers may be marked as by
-msgpack-numpy. Arrays in requests are marked in this way if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
-(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with a plain action
-array, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is sent
-if its metadata contains ``needs_session_id``.
+Other servers with this protocol differ in details, which this client supports too. Arrays in answers may be marked in
+the format of msgpack-numpy. The client marks arrays in requests in this format if the server's metadata uses it or the
+option ``arrays=nd`` is set. vLLM-Omni (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) listens
+at a path, answers with a plain array of actions, and reports an error as a map with ``type`` "error". It distinguishes
+episodes by a ``session_id``, which the client sends if the metadata contains ``needs_session_id``.
 
 openpi itself does not support real-time chunking. The fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
-and similar servers accept the rest of the old chunk as ``prev_action_chunk``, in the same units as their answers, with
-``inference_delay`` and ``execute_horizon``. With ``delay=N``, the client sends these fields.
+and similar servers accept the rest of the old chunk as ``prev_action_chunk``, in the same units as their answers,
+together with ``inference_delay`` and ``execute_horizon``. The client sends these fields if the option ``delay=N`` is
+set.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from betterbench.policies.protocols.wire import (
     marks_arrays_as_nd,
 )
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
@@ -58,10 +59,10 @@ _SESSION = "session_id"
 
 
 class OpenpiClient(ServerClient[WebSocket]):
-    """Policy behind openpi's protocol. Each environment has its own client."""
+    """Client for a policy served with openpi's protocol. Each environment needs its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        # report errors in the address before contacting a server
+        # Errors in the address are reported before a server is contacted.
         super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
         self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
@@ -69,7 +70,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._delay = address.whole("delay")
         if self._delay and len(self.adapter.answer.columns) > 1:
             raise address.error(
-                f"delay needs a single action array, but adapter {self.adapter.name} reads several", "Leave out delay"
+                f"delay needs a single action array, but adapter {self.adapter.name} reads several", "Omit delay"
             )
         self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
         self._start: EpisodeStart | None = None
@@ -91,7 +92,8 @@ class OpenpiClient(ServerClient[WebSocket]):
             needs_images=wants if isinstance(wants, bool) else None,
             cameras=looks_at if isinstance(looks_at, list) else None,
         )
-        # for the execution of chunks, the address has priority over the server, and the server over the preset
+        # If several sources set how chunks are executed, the address takes precedence over the server, and the server
+        # over the preset.
         told = read_execution(self._where, ours)
         if told is not None and not address.given(EXECUTION):
             info = replace(info, execution=told)
@@ -99,23 +101,24 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Wall-clock measurements of the episode so far, by name (with unit)."""
+        """Measurements in the episode so far, by name: requests, retries, reconnects, and the server's time [s]."""
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode, with a new ``session_id`` for a server that needs one."""
+        """Begin an episode. A server that needs a ``session_id`` gets a new one."""
         super().reset(start)
         self._start, self._server_s, self._session, self._last = start, 0.0, _new_session(), None
 
     def name_trial(self, trial: TrialId) -> None:
-        """Store the trial that begins.
+        """Store the trial that is about to begin.
 
-        Only a server that declares an expert gets the trial, for its shadow simulation.
+        The trial is sent only to a server that declares its policy to be an expert, because such a server simulates the
+        client's scene.
         """
         self._trial = trial
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64."""
+        """Return the next action chunk as an array (horizon, dim) float64."""
         trial = self._trial if self._serves_expert else None
         request = self.adapter.request(observation, self._start, trial)
         if self._metadata.get("needs_session_id") is True:
@@ -124,7 +127,8 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         def exchange(connection: WebSocket, timeout_s: float) -> object:
             end = time.monotonic() + timeout_s
-            # this protocol does not number requests and answers
+            # This protocol does not number messages, so an unread answer could be mistaken for the answer to this
+            # request.
             connection.refuse_unasked()
             connection.send(frame, timeout_s)
             answer = connection.receive(end - time.monotonic())
@@ -144,7 +148,10 @@ class OpenpiClient(ServerClient[WebSocket]):
         return actions
 
     def _continuation(self, step: int) -> dict[str, Any]:
-        """Return the entries of a request for real-time chunking, or an empty dict if the old chunk is used up."""
+        """Return the request entries for real-time chunking.
+
+        The dict is empty if too few actions of the old chunk are left.
+        """
         if self._last is None or rows_left(*self._last, step=step) < self._delay:
             return {}
         horizon = self._address.execution(self.adapter.horizon).horizon
@@ -152,7 +159,10 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {"prev_action_chunk": moved_up(*self._last, step=step), "inference_delay": self._delay, **executed}
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, read the metadata and compare conventions. This is also called after a restart of the server."""
+        """Connect, read the server's metadata and compare conventions.
+
+        This is also called after the server has restarted.
+        """
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         with connection.greeting("it accepted the connection but sent no metadata and may not be an openpi server"):
@@ -163,11 +173,11 @@ class OpenpiClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, metadata: Mapping[Any, Any]) -> None:
-        """Choose the adapter at the first handshake, and compare conventions at each."""
+        """Compare the client's conventions with the server's. At the first handshake, also choose the adapter."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         read_execution(self._where, declared)  # malformed declarations are rejected at every handshake
-        # if the run itself serves the policy, the record contains the policy's own declaration, without the server
+        # If the run itself serves the policy, the record contains the policy's own description, not that of a server.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
@@ -177,7 +187,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # the server also supports this layout, whose preset defines the number of action columns
+            # The server also supports this layout. The preset of the layout defines the number of action columns.
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
@@ -187,7 +197,10 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401 - one of the kinds
-        """Decode a frame. Raises PolicyError for a server error or a value of another type."""
+        """Decode a frame.
+
+        Raises PolicyError if the server reports an error or the value does not have one of the given types.
+        """
         if isinstance(frame, str):
             if self._within:
                 raise PolicyError(printable(frame, most=_LONGEST_REASON))
@@ -201,7 +214,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
 
 def _whole_chunk(given: object) -> np.ndarray:
-    """Return the chunk of a parsed answer, (horizon, dim) float32."""
+    """Return the chunk in a decoded answer as an array (horizon, dim) float32."""
     array = np.asarray(given, dtype=np.float32)
     while array.ndim > 2:
         array = array[0]
@@ -209,5 +222,5 @@ def _whole_chunk(given: object) -> np.ndarray:
 
 
 def _new_session() -> str:
-    """Return a unique session name."""
+    """Return a session name that has not been used before."""
     return f"betterbench-{uuid4().hex}"

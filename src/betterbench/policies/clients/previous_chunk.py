@@ -1,8 +1,8 @@
-"""Real-time chunking: the client sends the unexecuted part of an action chunk, and the server continues it.
+"""Real-time chunking: the client sends the actions that were not executed, and the server's new chunk continues them.
 
-A flow model's server can keep the first rows of the sent chunk as the first rows of its new chunk, and guide the rows
-after them. The rows must start at the current control step. Their key in a request differs by server
-(:mod:`betterbench.policies.clients.being_h`, ``openpi`` and ``gr00t``).
+A server with a flow model can use the first rows of the chunk that it receives as the first rows of its new chunk, and
+the following rows as guidance. The rows that are sent must begin at the current control step. Each server expects them
+under a different key of the request (see :mod:`betterbench.policies.clients.being_h`, ``openpi`` and ``gr00t``).
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ import numpy as np
 
 
 def rows_left(asked_at: int, chunk: np.ndarray, *, step: int) -> int:
-    """Return the number of rows of a chunk, (..., horizon, dim), that remain at a control step.
+    """Return how many rows of a chunk (..., horizon, dim) have not been executed at a control step.
 
-    Returns 0 if the chunk starts later.
+    ``asked_at`` is the control step at which the chunk begins. The result is 0 if the chunk begins after ``step``.
     """
     passed = step - asked_at
     return 0 if passed < 0 else max(0, chunk.shape[-2] - passed)
 
 
 def moved_up(asked_at: int, chunk: np.ndarray, *, step: int) -> np.ndarray:
-    """Return a chunk of the same length that begins with the row of a control step.
+    """Shift a chunk so that it begins with the row for a control step. The length of the chunk does not change.
 
-    The chunk is padded with its last row, which a server ignores.
+    ``asked_at`` is the step at which the given chunk begins. The missing rows at the end are filled with copies of the
+    last row, which the server ignores.
     """
     passed = step - asked_at
     return np.concatenate([chunk[..., passed:, :], np.repeat(chunk[..., -1:, :], passed, axis=-2)], axis=-2)

@@ -1,4 +1,4 @@
-"""ZeroMQ socket for requests and replies with a deadline."""
+"""ZeroMQ socket that sends a request and waits for the reply, but not longer than until a deadline."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SETTLE_S = 0.002
 
 
 class RequestClient:
-    """Socket to one server that, like a REQ socket, sends an empty frame and then the request.
+    """ZeroMQ socket connected to one server. Like a REQ socket, it sends an empty frame followed by the request.
 
-    A REQ socket silently discards an unexpected reply, but this client raises an error. After an OSError, close the
-    client and create a new one, so that a late reply cannot be mistaken for the answer to the next request.
+    A REQ socket silently discards an unexpected reply, whereas this client raises an error. After an OSError, close the
+    client and create a new one, because a late reply could otherwise be mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect. Raises OSError if no server listens, which ZeroMQ itself would not report."""
+        """Connect to the server. Raise OSError if no server listens, which ZeroMQ itself would not report."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
@@ -38,7 +38,7 @@ class RequestClient:
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         self._socket.setsockopt(zmq.IPV6, int(":" in host))
-        # report immediately that the server is gone; ZeroMQ would hide this until the deadline
+        # Report immediately that the server is gone. ZeroMQ would only let the request reach its deadline.
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._answered_at = 0.0
         self._poller = zmq.Poller()
@@ -51,18 +51,19 @@ class RequestClient:
             raise ConnectionError(f"{self.where}: {error}") from error
 
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
-        """Send a frame and return the answer.
+        """Send a request and return the answer. The request and the answer are one frame each.
 
-        Raises OSError if no answer arrived in time, the server disconnected or sent an unexpected message, and
+        Raises OSError if no answer arrived in time, or if the server disconnected or sent an unexpected message. Raises
         PolicyError if the answer is not a single frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                # reject an unread second answer to the last request, which would be mistaken for the answer to this one
+                # A second answer to the last request that has not been read would be mistaken for the answer to this
+                # one.
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
-                    raise ConnectionError("it sent an unexpected answer")
+                    raise ConnectionError("the server sent an unexpected answer")
                 self._socket.send_multipart([b"", frame])
                 self._wait(deadline, timeout_s)
                 empty, *parts = self._socket.recv_multipart()
@@ -77,7 +78,7 @@ class RequestClient:
         return parts[0]
 
     def _wait(self, deadline: float, timeout_s: float) -> None:
-        """Wait until an answer has arrived."""
+        """Wait until an answer has arrived, the connection is closed, or the deadline has passed."""
         while True:
             left = deadline - time.monotonic()
             ready = dict(self._poller.poll(max(0, math.ceil(1000.0 * min(left, _GLANCE_S)))))
@@ -86,7 +87,7 @@ class RequestClient:
             if self._ended.is_set():
                 raise ConnectionError("the connection was closed on this side")
             if self._monitor in ready:
-                # ZeroMQ drops the connection if an answer is too large, without reporting the cause
+                # ZeroMQ closes the connection if an answer is too large, without saying why.
                 raise ConnectionError(
                     f"the server closed the connection, or its answer exceeds {MAX_FRAME_BYTES} bytes"
                 )
@@ -94,10 +95,10 @@ class RequestClient:
                 raise TimeoutError(f"no answer within {timeout_s:.3g} s")
 
     def close(self) -> None:
-        """Close the socket. Closing it again is harmless.
+        """Close the socket. It may be closed more than once.
 
-        A socket belongs to one thread at a time. If another thread waits for an answer, that thread is stopped and
-        closes the socket.
+        A socket belongs to one thread at a time. If another thread is waiting for an answer, that thread stops waiting
+        and closes the socket.
         """
         self._ended.set()
         if self._busy.acquire(timeout=10.0 * _GLANCE_S):

@@ -1,8 +1,8 @@
-"""Client of starVLA's websocket server: ``starvla://host:port``.
+"""Client for starVLA's websocket server: ``starvla://host:port``.
 
-The server first sends a metadata map, and then answers each request (a map with type, identifier and payload) by a map
-with the same identifier. A text frame is an error and ends the connection. A payload contains a list of examples, so
-one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
+The server first sends a metadata map. It then answers each request (a map with type, identifier and payload) with a map
+that has the same identifier. A text frame reports an error and ends the connection. The payload contains a list of
+examples, so one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
 ``deployment/model_server``.
 """
 
@@ -29,14 +29,17 @@ from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 
 ExampleLayout = Literal["payload", "flat"]
-"""Layout of a request: examples in the payload, or at the top level next to the type as in the first servers."""
+"""Layout of a request.
+
+"payload": the examples are in the payload. "flat": they are next to the type, as the first servers expect.
+"""
 
 _IMAGES = "image"
 _MOST_STRAYS = 64
 
 
 class StarVlaClient(ServerClient[WebSocket]):
-    """Policy behind starVLA's websocket. One client serves many environments."""
+    """Client for a policy served with starVLA's protocol. One client serves many environments."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, STARVLA), seed=seed)
@@ -50,15 +53,15 @@ class StarVlaClient(ServerClient[WebSocket]):
         self.info = describe_remote_policy(address, self.adapter, declared, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments. No state needs to be reset."""
+        """Begin an episode in one of the environments. The client keeps no state between episodes."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64."""
+        """Return the next action chunk as an array (horizon, dim) float64."""
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments, from one request."""
+        """Return the next action chunk of each of several environments. The chunks are requested together."""
         payload: dict[str, Any] = {"examples": [self._example(observation) for observation in observations]}
         for constant in self.adapter.constants:
             set_entry(payload, constant.key, constant.value)
@@ -70,7 +73,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         ]
 
     def _example(self, observation: Observation) -> dict[str, Any]:
-        """Return one example, with the images as a list in the adapter's order and a state as (1, size)."""
+        """Return one example of a request, with a list of images in the adapter's order and each state as (1, size)."""
         message = replace(self.adapter, constants=()).request(observation)
         images = message.get(_IMAGES)
         if isinstance(images, Mapping):
@@ -84,7 +87,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return message
 
     def _infer(self, connection: WebSocket, payload: Mapping[str, Any], timeout_s: float) -> Mapping[Any, Any]:
-        """Send one request and return the data of its answer."""
+        """Send one request and return the data in the answer to it."""
         end = time.monotonic() + timeout_s
         self._sequence += 1
         identifier = f"betterbench-{self._sequence}"
@@ -99,10 +102,10 @@ class StarVlaClient(ServerClient[WebSocket]):
                 return self._data(reply)
             if not isinstance(number, str) or number not in self._answered:
                 raise PolicyError(f"{self._where} answered request {identifier} with {one_line(number, most=40)!r}.")
-        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
+        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages, none of which answers the request.")
 
     def _data(self, reply: Mapping[Any, Any]) -> Mapping[Any, Any]:
-        """Return the data of an answer. Raises PolicyError if the server reports an error."""
+        """Return the data in an answer. Raises PolicyError if the server reports an error."""
         data, status = reply.get("data"), reply.get("status")
         if not isinstance(status, str) or status != "ok" or not isinstance(data, Mapping):
             error = reply.get("error", data.get("error") if isinstance(data, Mapping) else None)
@@ -113,7 +116,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return data
 
     def _samples(self, data: Mapping[Any, Any], count: int) -> list[dict[str, Any]]:
-        """Return one dict per example, with the arrays of the batched answer."""
+        """Split the arrays of an answer by example. Return one dict of arrays per example."""
         names = dict.fromkeys(key[0] for key in self.adapter.answer.columns)
         if "normalized_actions" in data and not all(name in data for name in names):
             raise PolicyError(
@@ -135,7 +138,10 @@ class StarVlaClient(ServerClient[WebSocket]):
         return [{name: array[i] for name, array in arrays.items()} for i in range(count)]
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect and compare the metadata with the first connection. This is also called after a server restart."""
+        """Connect, and check that the server sends the same metadata as at the first connection.
+
+        This is also called after the server has restarted.
+        """
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
         with connection.greeting("it accepted the connection but sent no metadata and may not be a starVLA server"):
@@ -145,7 +151,10 @@ class StarVlaClient(ServerClient[WebSocket]):
         return connection
 
     def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
-        """Return the map in a frame. Raises PolicyError for an error of the server or a frame that is not a map."""
+        """Return the map in a frame.
+
+        Raises PolicyError if the server reports an error or the frame does not contain a map.
+        """
         if isinstance(frame, str):
             raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
         value = decode_openpi(frame)

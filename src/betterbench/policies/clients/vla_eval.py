@@ -1,8 +1,8 @@
-"""Client of vla-evaluation-harness (``vla-eval://host:port``), with about twenty model families behind one protocol.
+"""Client for vla-evaluation-harness (``vla-eval://host:port``), which serves about twenty model families.
 
-Messages are maps of type, payload, sequence number and time. Both sides send a hello. The client then starts an
-episode, the server answers every observation by an action with the same number, and the client ends the episode.
-Source: ``vla_eval/protocol`` and ``vla_eval/model_servers/serve.py`` of the package vla-eval.
+A message is a map with a type, a payload, a sequence number and a time. Both sides first send a hello. The client then
+starts an episode, the server answers every observation with an action that has the same sequence number, and the client
+ends the episode. Source: ``vla_eval/protocol`` and ``vla_eval/model_servers/serve.py`` of the package vla-eval.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from betterbench.policies.protocols.wire import MAX_FRAME_BYTES, ImageCoding, de
 from betterbench.version import __version__
 
 PROTOCOL_VERSION = 1
-"""Supported version of the protocol."""
+"""Version of the protocol that this client supports."""
 
 _MOST_STRAYS = 64
 _ROTATIONS = {
@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats in which the sign decides. They are read as a fraction with threshold 0."""
+"""Gripper formats in which only the sign counts. They are read as a fraction with the threshold 0."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -72,7 +72,7 @@ _MessageKind = Literal["hello", "observation", "action", "episode_start", "episo
 
 
 class VlaEvalClient(ServerClient[WebSocket]):
-    """Policy with the protocol of vla-evaluation-harness. Each environment has its own client."""
+    """Client for a policy served with the protocol of vla-evaluation-harness. Each environment needs its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
@@ -92,20 +92,23 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin a new one. The server gets only the trial's instruction."""
+        """End the last episode and begin a new one.
+
+        The server is told only the instruction, not the trial.
+        """
         super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0
         self._connection.request(self._begin_episode, replies=False)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64."""
+        """Return the next action chunk as an array (horizon, dim) float64."""
         payload = self.adapter.request(observation, self._start)
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
             if self._running_on is not connection and self._start is not None:
-                # this connection was opened after the episode began, so the server does not know the episode
+                # This connection was opened after the episode had begun, so the server does not know the episode yet.
                 self._begin_episode(connection, timeout_s)
             sent = self._send(connection, "observation", payload, timeout_s)
             return self._reply(connection, sent, end)
@@ -116,16 +119,16 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """An empty declaration, because the handshake has already compared the server's declaration."""
+        """Empty declaration, because the handshake already compares the server's declaration with the adapter."""
         return Declaration(self._where)
 
     def close(self) -> None:
-        """End the episode and the connection."""
+        """End the episode and close the connection."""
         self._end_episode()
         super().close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, exchange hellos and compare. This is also called after a restart of the server."""
+        """Connect, exchange hellos and compare conventions. This is also called after the server has restarted."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         said = {
@@ -141,7 +144,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, hello: Mapping[Any, Any]) -> None:
-        """Adapt the adapter to the server's requests, and compare conventions."""
+        """Adapt the client's adapter to what the server requests in its hello message, and compare the conventions."""
         version = hello.get("protocol_version")
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
@@ -161,7 +164,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         self._running_on = connection
 
     def _end_episode(self) -> None:
-        """Report the end of the episode to a connected server, without revealing the outcome to the policy."""
+        """Tell a connected server that the episode has ended, without revealing whether it succeeded."""
         connection, self._running_on = self._running_on, None
         if connection is None or not self._connection.holds(connection):
             return
@@ -171,7 +174,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
             self._connection.drop()
 
     def _send(self, connection: WebSocket, kind: _MessageKind, payload: Mapping[str, Any], timeout_s: float) -> int:
-        """Send a message and return its number."""
+        """Send a message and return its sequence number."""
         self._sequence += 1
         message = {"type": kind, "payload": dict(payload), "seq": self._sequence, "timestamp": time.time()}
         connection.send(encode_vla_eval(message, images=self._images), timeout_s)
@@ -180,7 +183,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     def _reply(
         self, connection: WebSocket, sent: int, end: float, *, expected: _MessageKind = "action"
     ) -> Mapping[Any, Any]:
-        """Return the payload of the answer to message number ``sent``. Errors about earlier messages may come first."""
+        """Return the payload of the answer to message number ``sent``. Late answers to earlier messages are skipped."""
         for _ in range(_MOST_STRAYS):
             frame = connection.receive(end - time.monotonic())
             message = self._decoded(frame, declares=expected == "hello") if isinstance(frame, bytes) else None
@@ -191,27 +194,29 @@ class VlaEvalClient(ServerClient[WebSocket]):
             if not isinstance(kind, str) or not isinstance(number, int):
                 raise PolicyError(f"{self._where} sent a message without a type or without a number.")
             if kind == "error":
-                text = one_line(payload.get("error", "without a text"))
+                text = one_line(payload.get("error", "no message"))
                 raise PolicyError(f"{self._where} reports an error: {text}")
             if kind == expected and number == sent:
                 return payload
             if number >= sent:
                 raise PolicyError(f"{self._where} answered message {sent} with {kind[:20]!r} number {number}.")
-        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
+        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages, none of which answers the request.")
 
     def _decoded(self, frame: bytes, *, declares: bool) -> object:
         return read_declared(self._where, frame, decode_vla_eval) if declares else decode_vla_eval(frame)
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
-    """Return the adapter restricted to the entries that a server requests.
+    """Return the adapter without the entries that the server does not request.
 
-    The harness sends the wrist camera and the state only to servers that request them, by ``observation_params`` or by
-    a component in ``observation_spec``. Some servers use every entry they get, so only requested entries are sent. If
-    the address names the adapter, all entries are sent except those that the server declines.
+    The harness sends the image of the wrist camera and the robot state only to servers that request them, either with
+    ``observation_params`` or with a component in ``observation_spec``. Some servers use every entry that they receive,
+    so this client sends only the requested entries. If the address names the adapter, the client sends all entries
+    except those that the server declines.
 
     Raises:
-        HandshakeError: If the server's specs are malformed, or request absolute actions while the adapter reads deltas.
+        HandshakeError: If the server's specs are malformed, or if the server returns absolute actions but the adapter
+            reads deltas.
     """
     parameters = hello.get("observation_params")
     if not isinstance(parameters, Mapping):
@@ -219,10 +224,10 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
     seen = _specs(who, hello, "observation_spec")
     if parameters.get("absolute_action") is True and adapter.answer.space not in _ABSOLUTE:
         cure = {
-            CALVIN_DELTA.name: "Give preset=vla_eval_calvin_absolute",
-            EE_DELTA.name: "In LIBERO, give preset=vla_eval_absolute; in our own scenes, action_space=ee_pose with the "
-            "rotation format of the model, and --action-space ee_pose",
-        }.get(adapter.answer.space, "Give an adapter that reads absolute poses")
+            CALVIN_DELTA.name: "Use preset=vla_eval_calvin_absolute",
+            EE_DELTA.name: "In LIBERO, use preset=vla_eval_absolute. In betterbench's own scenes, use "
+            "action_space=ee_pose with the rotation format of the model, and --action-space ee_pose",
+        }.get(adapter.answer.space, "Use an adapter that reads absolute poses")
         raise HandshakeError(
             f"action: the server returns absolute poses, but adapter {adapter.name} reads {adapter.answer.space}. "
             f"{cure}."
@@ -237,21 +242,24 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 
 
 def _unshortened(rule: StateRule) -> StateRule:
-    """Return a state with the rotation vector as robosuite computes it, for ``quat_no_antipodal``."""
+    """Return a rule that computes the rotation vector in a state as robosuite does.
+
+    Servers that declare ``quat_no_antipodal`` expect this.
+    """
     parts: list[StatePart] = ["ee_axis_angle" if part == "ee_axis_angle_short" else part for part in rule.parts]
     return replace(rule, parts=tuple(parts))
 
 
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
-    """Return the declarations of server and adapter in common terms.
+    """Return the conventions that the server and the adapter declare, translated to common terms.
 
     As in the harness, the format ``raw`` declares nothing. Ranges are not compared, because the harness's own constant
-    for rotation vectors allows +-3.15 for numbers scaled to +-1. Image names are not compared either, only the number
-    of images, because servers take images in order.
+    for rotation vectors allows ±3.15 although the numbers are scaled to ±1. The number of images is compared, but not
+    their names, because servers use the images in the order in which they are sent.
 
     Raises:
-        HandshakeError: If the server's specs are malformed, or the server answers with joints and the adapter reads
-            another action space.
+        HandshakeError: If the server's specs are malformed, or if the server returns joint positions but the adapter
+            reads another action space.
     """
     action, seen = _specs(who, hello, "action_spec"), _specs(who, hello, "observation_spec")
     answer = adapter.answer
@@ -260,10 +268,11 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     if declared not in (None, _JOINTS.get(answer.space)):
         raise HandshakeError(
             f"action: {who} returns joints as {declared!r}, but adapter {adapter.name} reads {answer.space}. "
-            "Give adapter=FILE with an adapter that reads joints, and --action-space with the same space."
+            "Add adapter=FILE with an adapter that reads joints, and use --action-space with the same action space."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
-    # if both sides accept a common format, both get its name; otherwise, each side keeps its own
+    # If both sides accept a common format, both are declared with the name of that format. Otherwise, each side keeps
+    # its own.
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
@@ -295,7 +304,10 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """A component as declared by one side, with its format and other formats that it accepts."""
+    """Component of an observation or action, as the server or the client declares it.
+
+    It consists of the component's format and of other formats that are accepted.
+    """
 
     format: str | None
     accepts: tuple[str, ...]
@@ -306,7 +318,7 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(spec, Mapping) for spec in given.values()):
-        raise HandshakeError(f"{who}: expected {name} as a map of components.")
+        raise HandshakeError(f"{who}: expected a map of components as {name}.")
     found = {}
     for key, spec in given.items():
         told, accepts = spec.get("format"), spec.get("accepts")
@@ -320,6 +332,6 @@ def _images(specs: Mapping[str, _Spec]) -> list[str]:
 
 
 def _format(specs: Mapping[str, _Spec], name: str) -> str | None:
-    """Return the declared format of a component, or None if it declares nothing."""
+    """Return the format that a component declares, or None if it declares no format."""
     told = specs[name].format if name in specs else None
     return None if told == _RAW else told

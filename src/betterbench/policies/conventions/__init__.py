@@ -1,4 +1,4 @@
-"""Policy conventions: translation of observations and actions, and the handshake with a server.
+"""Conversion between policies and betterbench: translation of observations and actions, and the server handshake.
 
-``presets`` lists the conventions of known checkpoints, and ``adapter`` applies them.
+``presets`` lists the conventions of known checkpoints. ``adapter`` applies the conventions to observations and actions.
 """

@@ -1,4 +1,7 @@
-"""Adapters: mappings from observations to a policy's inputs, and from answers to actions. They are stored as data."""
+"""Adapters, which convert observations to a policy's inputs and a policy's answers to actions.
+
+They are stored as data.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,11 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
-"""Opening width of a fully open Franka gripper [m]."""
+"""Width of a fully open Franka gripper [m]."""
 
 
 @strict_form
@@ -31,9 +34,10 @@ class InstructionRule:
     """Format of the instruction in a request.
 
     Attributes:
+        key: Path of the instruction in the request.
         depth: Nesting of the instruction: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists
             (batch, time).
-        template: Sentence template used in the training data, in which ``{}`` is the instruction.
+        template: Sentence template used in the training data. ``{}`` stands for the instruction.
     """
 
     key: tuple[str, ...]
@@ -41,7 +45,7 @@ class InstructionRule:
     template: str = "{}"
 
     def __post_init__(self) -> None:
-        """Check the template."""
+        """Check that the template contains ``{}`` once."""
         if self.template.count("{}") != 1:
             raise InvalidInputError(
                 f"instruction {'/'.join(self.key)}: template",
@@ -50,11 +54,14 @@ class InstructionRule:
             )
 
     def write(self, instruction: str) -> str:
-        """Return the text to send."""
+        """Return the text that is sent for an instruction."""
         return self.template.replace("{}", instruction)
 
     def read(self, text: str) -> str:
-        """Return the instruction in a sent text, or the unchanged text if it does not match the template."""
+        """Return the instruction from which a text was made.
+
+        If the text does not match the template, return the text.
+        """
         before, _, after = self.template.partition("{}")
         follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
         return text[len(before) : len(text) - len(after)] if follows else text
@@ -63,10 +70,12 @@ class InstructionRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ConstantRule:
-    """Constant entry of every request, such as the name of a normalization.
+    """Entry that has the same value in every request, such as the name of a normalization.
 
     Attributes:
-        value: Value to send, or None for an entry without a safe default, which the address must give (``send.KEY=``).
+        key: Path of the entry in the request.
+        value: Value to send. If it is None, there is no safe default, so the policy address must set the value
+            (``send.KEY=``).
     """
 
     key: tuple[str, ...]
@@ -76,7 +85,10 @@ class ConstantRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DepthRule:
-    """Depth image among a policy's inputs, (height, width) float32 [m], in the rendered size."""
+    """Depth image among a policy's inputs, (height, width) float32 [m].
+
+    The image has the size with which the camera is rendered.
+    """
 
     key: tuple[str, ...]
     camera: str
@@ -85,12 +97,12 @@ class DepthRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """State whose first values are replaced by the policy's last answer, from the second request on.
+    """State whose first values are replaced by the policy's own last answer, from the second request on.
 
     Attributes:
-        state_key: Key of the state.
-        answer_key: Key of the answer.
-        size: Number of values in the last executed row that replace the first values of the state.
+        state_key: Path of the state in the request.
+        answer_key: Path of the answer in the reply.
+        size: Number of values that are replaced. The new values come from the row of the answer that was executed last.
     """
 
     state_key: tuple[str, ...]
@@ -101,23 +113,32 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Mapping from observations to a policy's inputs, and from answers to actions.
+    """Description of the conversion of observations to a policy's inputs and of the policy's answers to actions.
 
-    The server is responsible for statistics and normalization.
+    The server normalizes inputs and outputs with the statistics of the training data.
 
     Attributes:
-        leading_axes: Number of leading axes of length 1 for images and states: 1 for a batch, 2 for batch and time.
-        ee_offset_m: Offset added to the end-effector position in the robot's base frame [m], for a policy with another
-            origin. The offset of LIBERO's world frame is (-0.66, 0, 0.912) m in its table scenes.
-        tool_offset_m: The policy's tool point in the tool frame of betterbench, for positions in states and absolute
-            poses. LIBERO's tool point is 6.4 mm nearer to the hand, at (0, 0, -0.0064) m. Deltas are applied at our
-            tool point.
-        gripper_opening_m: Opening width of a fully open gripper [m].
-        episode_key: Key under which betterbench servers receive the start of the episode, or None.
+        name: Name of the adapter, as shown in messages.
+        views: Images that the policy gets.
+        states: States that the policy gets.
+        instruction: Format of the instruction.
+        answer: Rule that converts answers to actions.
+        leading_axes: Number of leading axes of length 1 that images and states have: 1 for a batch, 2 for batch and
+            time.
+        ee_offset_m: Offset that is added to the end-effector position in the robot's base frame [m], for a policy whose
+            positions have a different origin. For policies that use the world frame of LIBERO's table scenes, it is
+            (-0.66, 0, 0.912) m.
+        tool_offset_m: Position of the policy's tool point in betterbench's tool frame [m]. It is used for positions in
+            states and for absolute poses, whereas deltas are applied at betterbench's tool point. LIBERO's tool point
+            is 6.4 mm nearer to the hand, at (0, 0, -0.0064) m.
+        gripper_opening_m: Width of a fully open gripper [m].
+        control_rate_hz: Control rate for which the policy was trained [Hz].
+        episode_key: Path under which betterbench's own servers receive the start of the episode, or None.
         constants: Entries that are the same in every request.
-        depths: Depth images, for a run that renders them (``--observation calvin_depth``). GR00T does not use them.
-        feedback: State that contains the policy's last answer, or None. Only ``POST /act`` uses it.
-        horizon: Default number of executed actions per chunk, as in the policy's own client, or None for all actions.
+        depths: Depth images that the policy gets. The run must render them (``--observation calvin_depth``). GR00T does
+            not use them.
+        feedback: State that contains the policy's last answer, or None. Only servers with ``POST /act`` use it.
+        horizon: Default number of actions executed per chunk, as in the policy's own client. None means all actions.
     """
 
     name: str
@@ -137,7 +158,7 @@ class Adapter:
     depths: tuple[DepthRule, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the keys, the numbers and the feedback."""
+        """Check the keys, the numbers and the feedback rule."""
         if self.feedback is not None:
             sizes = {rule.key: rule.size for rule in self.states}
             columns = self.answer.columns
@@ -146,9 +167,10 @@ class Adapter:
             ):
                 raise InvalidInputError(
                     f"adapter {self.name}: feedback",
-                    f"{self.feedback.size} numbers do not fit into the state {'/'.join(self.feedback.state_key)!r} "
-                    f"and the answer {'/'.join(self.feedback.answer_key)!r}",
-                    "Give a state and an answer of the adapter, and a size that does not exceed either",
+                    f"{self.feedback.size} numbers do not fit into the state "
+                    f"{'/'.join(self.feedback.state_key)!r} and the answer "
+                    f"{'/'.join(self.feedback.answer_key)!r}",
+                    "Name a state and an answer that the adapter has, and a size that does not exceed either of them",
                 )
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [rule.key for rule in self.depths]
@@ -156,31 +178,37 @@ class Adapter:
         keys += [constant.key for constant in self.constants]
         for i, key in enumerate(keys):
             if not key or not all(key):
-                raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give each entry a key")
+                raise InvalidInputError(
+                    f"adapter {self.name}", "a key is empty", "Use a key with at least one name for each entry"
+                )
             if any(key[: len(other)] == other or other[: len(key)] == key for other in keys[:i]):
                 raise InvalidInputError(
-                    f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each entry its own key"
+                    f"adapter {self.name}",
+                    f"two entries use the key {'/'.join(key)!r}",
+                    "Use a different key for each entry",
                 )
         for name in ("gripper_opening_m", "control_rate_hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
-                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give a number above 0")
+                raise InvalidInputError(
+                    f"adapter {self.name}: {name}", "the value is out of range", "Use a number greater than 0"
+                )
         for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
             if not all(abs(v) < 100.0 for v in offset):
                 raise InvalidInputError(
-                    f"adapter {self.name}: {name}", "it is out of range", "Give the offset in meters"
+                    f"adapter {self.name}: {name}", "the value is out of range", "Write the offset in meters"
                 )
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
-                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give a number of at least 1"
+                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Use a number of at least 1"
             )
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The required cameras, each once, or ``*`` for all cameras."""
+        """Names of the cameras that the policy needs, each listed once. ``*`` stands for all cameras."""
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the policy's image inputs, by request key: (height, width, 3) uint8.
+        """Return the policy's image inputs, each (height, width, 3) uint8, by their path in the request.
 
         Raises PolicyError if the run does not render a required camera.
         """
@@ -190,15 +218,18 @@ class Adapter:
                 if camera not in observation.images:
                     there = ", ".join(observation.images) or "none"
                     raise PolicyError(
-                        f"adapter {self.name} needs the camera {camera!r}, but the run renders {there}. "
-                        "Select an observation with this camera by --observation, or give "
-                        f"camera.{'/'.join(rule.key)}=NAME in the policy's address."
+                        f"adapter {self.name} needs the camera {camera!r}, but the run renders {there}. Select "
+                        "an observation that has this camera with --observation, or add "
+                        f"camera.{'/'.join(rule.key)}=NAME to the policy's address."
                     )
                 shown[rule.named(camera)] = rule.show(observation.images[camera])
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return a state input: an array (size,) of the required type, or a number for a scalar."""
+        """Return a state input of the policy as an array (size,) with the number type that the rule requires.
+
+        If the rule describes a scalar, return a number.
+        """
         return rule.read(
             observation,
             ee_offset_m=self.ee_offset_m,
@@ -209,10 +240,10 @@ class Adapter:
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
-        """Return the request for actions. Entries are nested if their key has several names.
+        """Return the request that asks the policy for actions. Keys that consist of several names become nested maps.
 
-        ``trial`` is only sent to a server with a shadow simulation (a served expert), and ``start`` only if the adapter
-        has an ``episode_key``. Raises PolicyError if the run does not render a required camera.
+        ``trial`` is sent only to a server that runs a shadow simulation (a served expert), and ``start`` only if the
+        adapter has an ``episode_key``. Raises PolicyError if the run does not render a required camera.
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
@@ -220,8 +251,8 @@ class Adapter:
         for depth in self.depths:
             if depth.camera not in observation.depth:
                 raise PolicyError(
-                    f"adapter {self.name} needs the depth of the camera {depth.camera!r}, but the run renders none. "
-                    "In CALVIN, give --observation calvin_depth."
+                    f"adapter {self.name} needs the depth of the camera {depth.camera!r}, but the run does not "
+                    "render it. In CALVIN, use --observation calvin_depth."
                 )
             drawn = observation.depth[depth.camera]
             set_entry(message, depth.key, drawn.reshape((1,) * self.leading_axes + drawn.shape))
@@ -241,12 +272,12 @@ class Adapter:
         return message
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
-        """Return the actions in a reply, (horizon, dim) float64 in the action space ``answer.space``.
+        """Convert a reply to actions, (horizon, dim) float64 in the action space ``answer.space``.
 
-        Raises PolicyError, which names the key and its value, if the reply cannot be read.
+        Raises PolicyError if the reply cannot be read. The message quotes the key and the value.
         """
         if not isinstance(reply, Mapping):
-            raise PolicyError(f"expected a map with actions as reply, got {type(reply).__name__}.")
+            raise PolicyError(f"expected a map with actions as the reply, got {type(reply).__name__}.")
         return self.answer.read(
             reply,
             observation,
@@ -256,9 +287,10 @@ class Adapter:
         )
 
     def named(self, reply: object, who: str) -> Mapping[Any, Any]:
-        """Return an answer as a map. A value that is not a map is stored under the single key of the actions.
+        """Return a policy's reply as a map.
 
-        Raises PolicyError if the actions are expected under several keys.
+        If the reply is not a map, return a map with the key under which actions are expected and the reply as its
+        value. Raises PolicyError if the reply is not a map although actions are expected under several keys.
         """
         if isinstance(reply, Mapping):
             return reply
@@ -269,7 +301,7 @@ class Adapter:
         return {keys[0][0]: reply}
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
-        """Return the answer that a policy with this adapter would give for these actions."""
+        """Convert actions to the reply that a policy with this adapter would send."""
         message: dict[str, Any] = {}
         written = self.answer.write(
             actions,
@@ -283,9 +315,9 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return the adapter with different cameras for some keys. Nested keys are joined by "/".
+        """Return a copy of the adapter in which the images under the given keys come from other cameras.
 
-        Raises UnknownNameError if the adapter has no such key.
+        The names in a nested key are joined by "/". Raises UnknownNameError if the adapter has no such key.
         """
         known = {"/".join(rule.key): rule for rule in self.views}
         for key in cameras:
@@ -295,27 +327,30 @@ class Adapter:
         return replace(self, views=changed)
 
     def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
-        """Return the adapter with changed or additional constants. Nested keys are joined by "/"."""
+        """Return a copy of the adapter with changed or added constants. The names in a nested key are joined by "/"."""
         known = {"/".join(rule.key): rule for rule in self.constants}
         known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
         return replace(self, constants=tuple(known.values()))
 
     def in_space(self, space: str) -> Adapter:
-        """Return the adapter with answers in another action space.
+        """Return a copy of the adapter whose answers are in another action space.
 
-        Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form
-        such an action.
+        Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns of the answer
+        do not form an action in that space.
         """
         return replace(self, answer=self.answer.in_space(space))
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with every default. Keys with one name become strings, others lists."""
+        """Return the adapter as a JSON-serializable dict that includes all defaults.
+
+        A key that consists of one name is written as a string, and a longer key as a list of names.
+        """
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
-        """Read an adapter from JSON.
+        """Parse an adapter given as JSON.
 
         Raises InvalidInputError if a field is missing, unknown or malformed, and UnknownNameError for an unknown action
         space.
@@ -324,10 +359,13 @@ class Adapter:
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file. Raises InvalidInputError with the field name if it cannot be read."""
+        """Read an adapter from a JSON file.
+
+        Raises InvalidInputError if the adapter cannot be read. The message names the field that is wrong.
+        """
         where = f"adapter {path}"
         form = read_form(
-            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
+            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Use a JSON file"), where=where, cure=_CURE
         )
         return cls.from_json({"name": path.stem, **form}, where=where)
 
@@ -340,7 +378,7 @@ _KEYS = ("key", "episode_key", "state_key", "answer_key")
 
 
 def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
-    """Set an entry in a message, creating the nested maps for its key."""
+    """Store a value in a message under a key, and create the nested maps that the key requires."""
     *way, last = key
     for name in way:
         message = message.setdefault(name, {})
@@ -348,12 +386,12 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return JSON in which keys with a single name are strings."""
+    """Return JSON in which each key that consists of a single name is written as a string."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return JSON in which all keys are lists."""
+    """Return JSON in which each key is written as a list of names."""
     return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
 
 

@@ -1,4 +1,7 @@
-"""Conversion of a policy's answer to actions, given its columns, units, frame and gripper polarity."""
+"""Conversion of a policy's answer to actions.
+
+It depends on the answer's columns, units, frame and gripper convention.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +39,11 @@ AnswerKind = Literal[
     "gripper",
     "unused",
 ]
-"""Meaning of answer columns: a complete action in betterbench's format, or one part of it. For an absolute pose, the
-translation is the position. A translation, or a rotation with three numbers, may be given axis by axis: ``rotation_x``
-is the first number of the rotation format, that is the x of a rotation vector or the roll.
+"""Meaning of columns of an answer: a complete action in betterbench's format, or one part of an action.
+
+In an absolute pose, the translation is the position. A translation, or a rotation with three numbers, may be given axis
+by axis: ``rotation_x`` is the first number of the rotation format, that is the x component of a rotation vector or the
+roll angle.
 """
 
 Polarity = Literal[
@@ -51,20 +56,22 @@ Polarity = Literal[
     "closed_linear",
     "open_linear",
 ]
-"""Convention of the gripper value in an answer. ``close_positive`` and ``open_positive`` keep the number, whose sign
-decides. The other conventions are fractions, with 1 for closed or 1 for open. ``closed_fraction`` closes above the
-threshold and opens otherwise, ``closed_at_least`` also closes at the threshold, ``open_fraction`` opens above it and
-closes otherwise. ``open_sign`` is the sign of 1 - 2 g, so that exactly 0.5 keeps the gripper unchanged.
-``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
+"""Convention of the gripper value in an answer.
+
+``close_positive`` and ``open_positive`` use the sign of the number. In the other conventions, the number is a fraction,
+and 1 means closed or open as the name says. ``closed_fraction`` closes above the threshold and opens otherwise.
+``closed_at_least`` also closes at the threshold. ``open_fraction`` opens above the threshold and closes otherwise.
+``open_sign`` uses the sign of 1 - 2 g, where g is the number, so that exactly 0.5 leaves the gripper as it is.
+``closed_linear`` and ``open_linear`` convert g to 2 g - 1 and 1 - 2 g.
 """
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
 
 _OPENS_POSITIVE = frozenset(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_"))
-"""Action spaces in which a positive gripper opens."""
+"""Action spaces in which a positive gripper value opens the gripper."""
 
 _ADDS_ANGLES = ("calvin_relative", "calvin_delta")
-"""Action spaces whose rotations are angles added to the angles of the last pose."""
+"""Action spaces in which a rotation consists of angles that are added to the angles of the last pose."""
 
 _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_relative": "rpy",
@@ -73,26 +80,28 @@ _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_absolute_quaternion": "quaternion_xyzw",
     "libero_absolute": "axis_angle",
 }
-"""Rotation format of the action spaces that only other worlds use."""
+"""Rotation formats of the action spaces that only LIBERO or CALVIN uses."""
 
 _OF_THE_SPACE: Any = None
-"""Marker for a convention taken from the action space."""
+"""Marker for a convention that is taken from the action space."""
 
 _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
     "rotation": ("rotation_x", "rotation_y", "rotation_z"),
 }
-"""Kinds that may be given axis by axis, with the kinds of their axes."""
+"""Parts of an answer that may be given axis by axis, with the names of the parts for the three axes."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Adjacent answer columns that form one quantity.
+    """Consecutive columns of a policy's answer that form one quantity, such as a rotation.
 
     Attributes:
-        key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
-        size: Number of columns, or None for the usual number of this kind.
+        key: Path of the array in the reply. If several parts have the same key, they are consecutive columns of one
+            array.
+        kind: Meaning of the columns.
+        size: Number of columns. None means the standard number for this kind.
     """
 
     key: tuple[str, ...]
@@ -103,20 +112,26 @@ class AnswerPart:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """Mapping of a policy's answer to actions, with its columns, frame, units and gripper convention.
+    """Rule that converts a policy's answer to actions. It describes columns, frame, units and gripper convention.
 
-    By default, rotation format, units and gripper polarity come from the action space. For example, the numbers of a
-    ``calvin_relative`` answer are executed unchanged.
+    By default, the rotation format, the units and the gripper convention are those of the action space. For example,
+    the numbers in an answer for the action space ``calvin_relative`` are executed unchanged.
 
     Attributes:
-        frame: Frame of a delta: the robot's base frame, or the tool frame at each step.
-        translation_unit_m: Translation for a delta of 1 [m]. It is 0.05 as scaled in LIBERO, and 1 for meters.
-        rotation_unit_rad: Rotation for a delta of 1 in a rotation vector or in angles [rad].
-        joint_unit_rad: Rotation for a joint step of 1 [rad].
-        step_rate_hz: Control rate of the training data [Hz], if deltas are executed as velocities at the run's control
-            rate, or None if each action is one step at any rate.
-        gripper_threshold: Fraction above which ``closed_fraction`` closes and ``open_fraction`` opens.
-        precision: Number type to which the policy's own client rounds an action before execution.
+        space: Name of the action space.
+        parts: Columns of the answer, in order.
+        rotation: Format of rotations.
+        frame: Frame in which deltas are given: the robot's base frame, or the frame of the tool at each step.
+        translation_unit_m: Translation that corresponds to a delta of 1 [m]. It is 0.05 with LIBERO's scaling, and 1 if
+            deltas are given in meters.
+        rotation_unit_rad: Rotation that corresponds to a delta of 1 in a rotation vector or angle [rad].
+        joint_unit_rad: Rotation of a joint that corresponds to a delta of 1 [rad].
+        step_rate_hz: Control rate of the training data [Hz] if deltas are treated as velocities and rescaled to the
+            run's control rate. None if each action is executed as one step at any control rate.
+        gripper: Convention of the gripper value.
+        gripper_threshold: Value above which the gripper closes with the convention ``closed_fraction``, or opens with
+            the convention ``open_fraction``.
+        precision: Number type to which the policy's own client rounds an action before it is executed.
     """
 
     space: str = "ee_delta"
@@ -132,7 +147,7 @@ class AnswerRule:
     precision: Literal["float64", "float32"] = "float64"
 
     def __post_init__(self) -> None:
-        """Fill in the action space's conventions, and check that the parts form an action in this space."""
+        """Fill in the conventions of the action space, and check that the parts form an action in this space."""
         for name, own in own_conventions(self.space).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, own)
@@ -143,32 +158,36 @@ class AnswerRule:
     def _check_numbers(self) -> None:
         if not self.parts:
             raise InvalidInputError(
-                "answer", "no parts are given", "List the parts, for example translation, rotation and gripper"
+                "answer", "the answer has no parts", "List its parts, for example translation, rotation and gripper"
             )
         for name in ("translation_unit_m", "rotation_unit_rad", "joint_unit_rad", "step_rate_hz"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
-                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Give a number above 0")
+                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Use a number greater than 0")
         if not 0.0 <= self.gripper_threshold < 1.0:
             raise InvalidInputError(
                 "answer: gripper_threshold",
                 f"{self.gripper_threshold:g} is out of range",
-                "Give a number of at least 0 and below 1",
+                "Use a number that is at least 0 and less than 1",
             )
         for part in self.parts:
             if part.size is not None and not 1 <= part.size <= 10_000:
                 raise InvalidInputError(
-                    f"answer: {part.kind}", f"{part.size} columns are out of range", "Give at least one column"
+                    f"answer: {part.kind}",
+                    f"the number of columns, {part.size}, is out of range",
+                    "Use at least one column",
                 )
             if part.kind == "unused" and part.size is None:
                 raise InvalidInputError(
-                    "answer: unused", "the number of columns is missing", "Give its size, such as 1"
+                    "answer: unused",
+                    "the number of columns is missing",
+                    "Set size to the number of columns, such as 1",
                 )
             if part.kind != "unused" and part.size not in (None, self._natural(part.kind)):
                 raise InvalidInputError(
                     f"answer: {part.kind}",
                     f"expected {self._natural(part.kind)} columns, got {part.size}",
-                    "Leave out the size",
+                    "Omit the size",
                 )
 
     def _check_kinds(self) -> None:
@@ -182,9 +201,9 @@ class AnswerRule:
         if given != ["action"] and sorted(kinds) != sorted(needed):
             raise InvalidInputError(
                 "answer",
-                f"it has {', '.join(given) or 'nothing'}",
-                f"{self.space} needs each of {', '.join(sorted(needed))} once. A translation or rotation may be given "
-                f"as its three axes (translation_x, translation_y, translation_z)",
+                f"the answer has {', '.join(given) or 'nothing'}",
+                f"{self.space} needs each of {', '.join(sorted(needed))} once. A translation or rotation may "
+                "also be given as three axes (translation_x, translation_y, translation_z)",
             )
         if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
             raise InvalidInputError(
@@ -197,30 +216,36 @@ class AnswerRule:
         if self.as_is and not self._means_ours:
             raise InvalidInputError(
                 "answer",
-                "the columns are complete actions, whose rotation format, units, frame and gripper polarity are fixed",
-                "Leave out rotation, units, frame and gripper, or list the parts (translation, rotation, gripper)",
+                "the columns contain complete actions, whose rotation format, units, frame and gripper "
+                "convention are fixed",
+                "Omit rotation, units, frame and gripper, or list the parts (translation, rotation, gripper)",
             )
         if self.frame == "tool" and self.space not in _DELTAS:
-            raise InvalidInputError("answer: frame", f"{self.space} has no tool frame", "Use base")
+            raise InvalidInputError("answer: frame", f"{self.space} has no tool frame", "Use the frame base")
         if self.space in _ADDS_ANGLES and self.rotation != "rpy":
             raise InvalidInputError(
-                "answer: rotation", f"{self.space} adds angles, which {self.rotation} does not contain", "Use rpy"
+                "answer: rotation",
+                f"{self.space} adds angles to the last pose, but {self.rotation} does not consist of angles",
+                "Use the rotation format rpy",
             )
         if self.step_rate_hz is not None and self.space in WORLD_ACTION_SPACES:
             raise InvalidInputError(
-                "answer: step_rate_hz", f"{self.space} always runs at its world's control rate", "Leave it out"
+                "answer: step_rate_hz",
+                f"{self.space} always runs at the control rate of its benchmark",
+                "Omit step_rate_hz",
             )
 
     @property
     def as_is(self) -> bool:
-        """Whether the answer already contains complete actions in betterbench's format."""
+        """Whether the answer consists of complete actions in betterbench's format."""
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
-        """Return the rule for another action space, with that space's conventions if only another world uses it.
+        """Return a copy of the rule for another action space.
 
-        Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form one
-        of its actions.
+        If only LIBERO or CALVIN uses that space, the copy has the rotation format, units and gripper convention of the
+        space. Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not
+        form an action in that space.
         """
         if space == self.space or space not in WORLD_ACTION_SPACES:
             return replace(self, space=space)
@@ -241,7 +266,7 @@ class AnswerRule:
 
     @property
     def columns(self) -> dict[tuple[str, ...], int]:
-        """Number of columns in the array under each key."""
+        """Number of columns that the array at each path in the answer has."""
         found: dict[tuple[str, ...], int] = {}
         for part in self.parts:
             found[part.key] = found.get(part.key, 0) + self._size(part)
@@ -256,14 +281,14 @@ class AnswerRule:
         control_rate_hz: float,
         tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
-        """Return the actions in a reply, (horizon, dim) float64 in the action space.
+        """Convert a reply to actions, (horizon, dim) float64 in the rule's action space.
 
-        Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m`` was added to the
-        observed end-effector position and is subtracted from absolute positions. ``tool_offset_m``, the policy's tool
-        point in betterbench's tool frame, is also subtracted.
+        Rows with non-finite numbers remain non-finite, so that they can be recognized later. ``ee_offset_m`` is the
+        offset that was added to the end-effector position in the observation, and ``tool_offset_m`` is the position of
+        the policy's tool point in betterbench's tool frame. Both are subtracted from absolute positions.
 
         Raises:
-            PolicyError: If the reply lacks these arrays, or contains an invalid rotation.
+            PolicyError: If the reply lacks an array that the rule reads, or contains an invalid rotation.
         """
         arrays = {key: _rows(reply, key, width) for key, width in self.columns.items()}
         lengths = {len(a) for a in arrays.values()}
@@ -297,7 +322,7 @@ class AnswerRule:
         return actions
 
     def _rounded(self, numbers: np.ndarray) -> np.ndarray:
-        """Return numbers rounded to the precision of the policy's own client, as float64."""
+        """Round numbers in the same way as the policy's own client, and return them as float64."""
         if self.precision == "float64":
             return numbers
         with np.errstate(over="ignore"):
@@ -305,20 +330,20 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions equal those of the action space."""
+        """Whether all conventions are the same as those of the action space."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
     @property
     def _is_plain(self) -> bool:
-        """Whether the numbers are only reordered, without conversion."""
+        """Whether the numbers need only be reordered, without any conversion."""
         if self.space in _DELTAS or self.space in WORLD_ACTION_SPACES:
             return self._means_ours
         plain = self.gripper == "close_positive" and self.step_rate_hz is None
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:
-        """Return the ratio of the run's step duration to that of the training data."""
+        """Return the duration of a control step of the run, as a fraction of the step duration in the training data."""
         return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
 
     def _convert(
@@ -344,7 +369,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # one factor per number, exactly 1 if the units equal the action space's units
+            # There is one factor per number. It is exactly 1 if the units are those of the action space.
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)
@@ -353,7 +378,7 @@ class AnswerRule:
         for i, row in enumerate(rows):
             if bad[i]:
                 continue
-            if self.rotation == "axis_angle":  # in the tool frame
+            if self.rotation == "axis_angle":  # a delta in the tool frame
                 rotation[i] = np.multiply(row, self.rotation_unit_rad)
             elif self.rotation == "rpy":
                 rotation[i] = to_axis_angle(from_format([v * self.rotation_unit_rad for v in row], "rpy"))
@@ -365,7 +390,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation in another world's action space, (horizon, 6 or 7)."""
+        """Return translation and rotation in the format that actions in LIBERO or CALVIN have, as (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])
@@ -382,7 +407,7 @@ class AnswerRule:
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
         """Rotate deltas from the tool frame to the base frame, in place.
 
-        Each step also rotates the tool frame of the next one.
+        Each delta also rotates the tool frame in which the next delta is given.
         """
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
@@ -392,7 +417,7 @@ class AnswerRule:
             tool = multiply(tool, turn)
 
     def _close(self, gripper: np.ndarray) -> np.ndarray:
-        """Return the gripper column with positive values for closing."""
+        """Return the gripper column, converted so that positive values close the gripper."""
         if self.gripper == "close_positive":
             return gripper
         if self.gripper == "open_positive":
@@ -416,7 +441,10 @@ class AnswerRule:
         control_rate_hz: float,
         tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the reply for these actions, (horizon, columns) float64 by key. This reverses :meth:`read`."""
+        """Convert actions to the arrays of a reply, (horizon, columns) float64 by path.
+
+        This is the inverse of :meth:`read`.
+        """
         given = np.asarray(actions, dtype=np.float64)
         scale, pace = np.array(action_space(self.space).scale[:-1]), self._pace(control_rate_hz)
         body, gripper = given[:, :-1], given[:, -1:]
@@ -481,7 +509,13 @@ class AnswerRule:
 
 
 def twist(*keys: str) -> tuple[AnswerPart, ...]:
-    """Return the parts translation, rotation and gripper, under one shared key or one key each."""
+    """Return the parts of an answer for translation, rotation and gripper.
+
+    The parts share one array, or each has an array of its own.
+
+    Args:
+        *keys: Name of the shared array, or the three names of the separate arrays.
+    """
     translation, rotation, gripper = keys * 3 if len(keys) == 1 else keys
     return (
         AnswerPart((translation,), "translation"),
@@ -491,9 +525,9 @@ def twist(*keys: str) -> tuple[AnswerPart, ...]:
 
 
 def own_conventions(space: str) -> dict[str, Any]:
-    """Return an action space's rotation format, units and polarity, by field of :class:`AnswerRule`.
+    """Return the rotation format, units and gripper convention of an action space, by field of :class:`AnswerRule`.
 
-    Raises UnknownNameError if no such action space exists.
+    Raises UnknownNameError if the action space does not exist.
     """
     scale = action_space(space).scale
     added = space in _ADDS_ANGLES
@@ -506,7 +540,7 @@ def own_conventions(space: str) -> dict[str, Any]:
 
 
 def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value under a key of a reply. Raises PolicyError with the existing keys if it is missing."""
+    """Return the value at a path in a reply. If it is missing, raise PolicyError with a list of the existing keys."""
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:
@@ -519,7 +553,10 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def number_array(given: object) -> np.ndarray:
-    """Return an answer as an array. Its dtype is object if the lists are ragged or contain booleans."""
+    """Convert a value in an answer to an array.
+
+    The dtype is object if the value consists of lists of unequal length or contains booleans.
+    """
     try:
         return np.asarray(None) if _holds_truths(given) else np.asarray(given)
     except ValueError:
@@ -527,14 +564,14 @@ def number_array(given: object) -> np.ndarray:
 
 
 def _holds_truths(given: object) -> bool:
-    """Return whether lists contain a boolean. NumPy would convert it to 0 or 1."""
+    """Return whether nested lists or an array contain a boolean. NumPy would convert it to 0 or 1."""
     if isinstance(given, list | tuple):
         return any(isinstance(item, bool | np.bool_) or _holds_truths(item) for item in given)
     return isinstance(given, np.ndarray) and given.dtype.kind == "b"
 
 
 def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndarray:
-    """Return the array under a key as (horizon, width) float64."""
+    """Return the array at a path in a reply as (horizon, width) float64."""
     name, given = "/".join(key), get_entry(reply, key)
     array = number_array(given)
     if array.dtype.kind not in "fiu":
@@ -547,10 +584,10 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         array = array[:, None] if width == 1 else array[None]
     if array.ndim != 2 or array.shape[1] != width:
         raise PolicyError(
-            f"the reply's {name!r} has shape {shape}. The adapter reads ({width},) or (horizon, {width}). Choose "
-            f"another preset, or correct the adapter."
+            f"the reply's {name!r} has shape {shape}, but the adapter reads ({width},) or (horizon, {width}). "
+            "Choose another preset, or correct the adapter."
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
-    with np.errstate(invalid="ignore"):  # the conversion of a signaling NaN would warn; NaNs are checked later
+    with np.errstate(invalid="ignore"):  # converting a signaling NaN would warn; NaNs are checked later
         return array.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Handshake: both sides declare their conventions, and a difference stops the run."""
+"""Handshake between a client and a policy server. Both declare their conventions, and any difference stops the run."""
 
 from __future__ import annotations
 
@@ -20,27 +20,35 @@ FrameT = TypeVar("FrameT", bytes, bytes | str)
 DeclaredT = TypeVar("DeclaredT")
 
 PROTOCOL = 1
-"""Version of the declaration that betterbench servers make."""
+"""Version of the declaration format that betterbench servers use."""
 
 _MOST_SHOWN = 12
-"""Maximum number of differences in one message."""
+"""Maximum number of differences listed in one message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """Conventions declared by one side. Missing fields are not compared.
+    """Conventions that one side of a connection declares, i.e. the client or the server.
+
+    A field that one side does not declare is not compared.
 
     Attributes:
-        action_scale: Physical size of one unit for each number.
-        action_convention: Frame, reference and polarity in words.
+        who: Name of the side, as shown in messages.
+        preset: Name of the adapter.
+        action_space: Name of the action space.
+        action_dim: Number of values in an action.
+        action_low: Minimum of each value in an action.
+        action_high: Maximum of each value in an action.
+        action_scale: Physical size of one unit, for each value in an action.
+        action_convention: Description of the frame, the reference and the gripper convention of an action.
         position: Format of translations or positions ("delta_xyz").
         rotation: Format of rotations ("axis_angle").
-        gripper: Gripper polarity ("close_positive").
+        gripper: Gripper convention ("close_positive").
         state: Format of the robot's state.
         language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].
-        cameras: Images by key, each with (width, height) or None for any size. The other side must provide each
-            required image and may provide more.
+        cameras: Images by key. Each value is the size (width, height), or None if any size is allowed. The other side
+            must provide every image that is required, and may provide more.
     """
 
     who: str
@@ -60,7 +68,7 @@ class Declaration:
     cameras: Mapping[str, tuple[int, int] | None] | None = None
 
     def rows(self) -> dict[str, str]:
-        """Return the declared values as strings by name, for tables."""
+        """Return the declared values as text, by name, for use in tables."""
         shown = {}
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -72,7 +80,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """Declaration made by a betterbench server. Newer servers may declare more fields."""
+    """JSON form of a betterbench server's declaration. Fields that newer servers add are ignored."""
 
     preset: str
     action_space: dict[str, Any]
@@ -84,7 +92,7 @@ _SERVER = TypeAdapter(_ServerForm)
 
 
 def declare_space(who: str, space: ActionSpace) -> Declaration:
-    """Return a declaration with only an action space."""
+    """Return a declaration that contains only an action space."""
     return Declaration(
         who,
         action_space=space.name,
@@ -99,7 +107,7 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
     """Return the declaration of an adapter's inputs and answers.
 
-    If ``rate_hz`` is None, it is the adapter's own control rate.
+    If ``rate_hz`` is None, the adapter's own control rate is declared.
     """
     answer = adapter.answer
     space = action_space(answer.space)
@@ -127,12 +135,15 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read a betterbench server's declaration. Raises HandshakeError if it is malformed or has another version."""
+    """Parse the declaration of a betterbench server.
+
+    Raises HandshakeError if it is malformed or has a different version than this client supports.
+    """
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
-            f"{who} uses version {one_line(version, most=20)} of the declaration, but this client uses version "
-            f"{PROTOCOL}. Install the same release on both sides."
+            f"{who} uses version {one_line(version, most=20)} of the declaration format, but this client uses "
+            f"version {PROTOCOL}. Install the same release on both sides."
         )
     try:
         told = _SERVER.validate_python(form)
@@ -140,15 +151,15 @@ def read_server(who: str, form: object) -> Declaration:
     except (BetterError, ValidationError) as error:
         problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else one_line(error)
         raise HandshakeError(
-            f"{who}: its declared conventions cannot be read ({problem}). Update the server."
+            f"{who}: the declared conventions cannot be read ({problem}). Update the server."
         ) from error
     return replace(declare_space(who, declared), preset=told.preset, rate_hz=told.control_rate_hz, cameras=told.cameras)
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Read the chunk execution that a betterbench server declares, or None if the server declares none.
+    """Parse the declaration of how action chunks from a betterbench server must be executed.
 
-    Raises HandshakeError if the declaration is malformed.
+    Return None if the server does not declare this. Raises HandshakeError if the declaration is malformed.
     """
     told = form.get("execution") if isinstance(form, Mapping) else None
     if told is None:
@@ -157,22 +168,23 @@ def read_execution(who: str, form: object) -> Execution | None:
     given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
     if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
-            f"{who}: its declared execution of chunks cannot be read. Install the same release on both sides."
+            f"{who}: the declaration of how chunks are executed cannot be read. Install the same release on both sides."
         )
     try:
         return Execution(**given)
     except InvalidInputError as error:
-        raise HandshakeError(f"{who} declares an impossible execution of chunks ({error})") from error
+        raise HandshakeError(f"{who} declares an impossible way of executing chunks ({error})") from error
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
-    """Return a server's decoded declaration.
+    """Decode the declaration of a server.
 
-    Raises HandshakeError if the declaration is too large or too deeply nested, and the errors of ``decode``.
+    Raises HandshakeError if the declaration is too large or too deeply nested. Errors raised by ``decode`` are not
+    caught.
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
-            f"{who} sends a declaration of {len(frame)} bytes, but the limit is {MAX_DECLARED_BYTES}. "
+            f"{who} sends a declaration of {len(frame)} bytes, but the limit is {MAX_DECLARED_BYTES} bytes. "
             "The server should declare only names, sizes and conventions."
         )
     value = decode(frame)
@@ -180,23 +192,24 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
         require_depth(value, MAX_DECLARED_DEPTH)
     except ValueError as error:
         raise HandshakeError(
-            f"{who}: its declaration cannot be read: {error}. The server should declare flat maps."
+            f"{who}: the declaration cannot be read: {error}. The server should declare maps that are not "
+            "deeply nested."
         ) from error
     return value
 
 
 def space_cure(space: str) -> str:
-    """Return the remedy for a policy whose action space differs from that of the run.
+    """Return an instruction for the user whose policy has a different action space than the run.
 
-    Other worlds have a fixed action space, so the option does not exist there.
+    The instruction is different for LIBERO and CALVIN, because no option can select their action space.
     """
     return (
-        f"Give --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
+        f"Use --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
     )
 
 
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
-    """Raise a HandshakeError with both values of each field that the two sides declare differently."""
+    """Raise HandshakeError if two declarations differ. The message quotes both values of each difference."""
     found = []
     for entry in fields(Declaration):
         if entry.name in ("who", "cameras"):
@@ -210,7 +223,7 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
         for key, wanted in (theirs.cameras or {}).items():
             if key not in given:
                 there = ", ".join(given) or "no images"
-                found.append(f"{_camera(key)}: {theirs.who} needs it, {ours.who} gives {there}")
+                found.append(f"{_camera(key)}: {theirs.who} needs this image, but {ours.who} provides {there}")
             elif wanted is not None and given[key] not in (None, wanted):
                 found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
     if found:

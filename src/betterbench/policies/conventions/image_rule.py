@@ -1,4 +1,4 @@
-"""Image inputs of a policy, with rotation, mirroring, cropping and resizing."""
+"""Image inputs of a policy. They are camera images that are rotated, mirrored, cropped and resized."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""How to fit an image with a different aspect ratio: black bars, cropping, or distortion."""
+"""Method of fitting an image with a different aspect ratio: black bars, cropping, or distortion."""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
-"""Degrees, counter-clockwise."""
+"""Rotation in degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""Camera name for all cameras of the observation. The key then contains ``{camera}``."""
+"""Camera name that stands for all cameras of the observation. The key of the image input then contains ``{camera}``."""
 
 _LARGEST_SIDE = 4096
 
@@ -26,16 +26,18 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input for a policy, with its key, its camera and the transformation of the camera image.
+    """Image input of a policy, made by transforming the image of a camera.
 
-    An image is rotated, then mirrored, then cropped, then fitted.
+    The image is first rotated, then mirrored, then cropped, and finally fitted to the required size.
 
     Attributes:
-        camera: Camera name, or ``*`` for all cameras.
-        width: Required width [pixel], or None to keep the image's size.
-        fit: Fitting of an image with another aspect ratio.
-        keep: Share of the image area kept by a center crop, before fitting. Policies trained with random crops are
-            evaluated with 0.9 (OpenVLA) or 0.95.
+        key: Path of the image in the request.
+        camera: Name of the camera, or ``*`` for all cameras.
+        width: Required width [pixel]. With None, the image keeps its size.
+        height: Required height [pixel]. With None, the image keeps its size.
+        fit: Method for fitting an image whose aspect ratio differs from the required one.
+        keep: Fraction of the image area that a center crop keeps before the image is fitted. Policies that were trained
+            with random crops are evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
         mirror: Whether left and right are swapped.
     """
@@ -50,34 +52,34 @@ class ImageRule:
     mirror: bool = False
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the size, the crop and the key."""
         where = f"image {'/'.join(self.key)}"
         if (self.width is None) != (self.height is None):
-            raise InvalidInputError(where, "only one of width and height is given", "Give both or neither")
+            raise InvalidInputError(where, "only one of width and height is set", "Set both or neither")
         for side in (self.width, self.height):
             if side is not None and not 1 <= side <= _LARGEST_SIDE:
                 raise InvalidInputError(
-                    where, f"{side} pixels are out of range", f"Give a number from 1 to {_LARGEST_SIDE}"
+                    where, f"{side} pixels are out of range", f"Use a number from 1 to {_LARGEST_SIDE}"
                 )
         if not 0.0 < self.keep <= 1.0:
             raise InvalidInputError(
-                where, f"keep = {self.keep:g} is out of range", "Give a number above 0 and at most 1"
+                where, f"keep = {self.keep:g} is out of range", "Use a number that is greater than 0 and at most 1"
             )
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
-            raise InvalidInputError(where, "all cameras would have the same key", "Use {camera} in the key")
+            raise InvalidInputError(where, "all cameras would have the same key", "Include {camera} in the key")
 
     def named(self, camera: str) -> tuple[str, ...]:
-        """Return the key of one camera's image."""
+        """Return the path in the request under which the image of a camera is sent."""
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Return a camera image as the policy's input.
+        """Transform a camera image to the policy's input.
 
-        A larger image is downscaled with Pillow's antialiased bilinear filter, as in openpi's client. An image of the
-        right size is not changed.
+        An image that is too large is reduced with Pillow's antialiased bilinear filter, as in openpi's client. An image
+        that already has the required size is not changed.
 
         Returns:
-            (self.height, self.width, 3) uint8, contiguous.
+            Contiguous array (self.height, self.width, 3) uint8.
         """
         turned = np.rot90(image, self.turn // 90)
         if self.mirror:
@@ -94,7 +96,7 @@ class ImageRule:
             scale = max(to_width / from_width, to_height / from_height)
             from_width, from_height = to_width / scale, to_height / scale
         elif self.fit == "pad":
-            # Rounded down, as openpi's client does (openpi_client/image_tools.py).
+            # The size is rounded down, as in openpi's client (openpi_client/image_tools.py).
             ratio = max(from_width / to_width, from_height / to_height)
             fitted_width = max(1, min(to_width, int(from_width / ratio)))
             fitted_height = max(1, min(to_height, int(from_height / ratio)))

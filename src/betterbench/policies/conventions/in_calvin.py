@@ -1,13 +1,13 @@
 """Requests and actions of existing evaluation clients in CALVIN.
 
-CALVIN's images are upright. In its ``robot_obs``, ``ee_position`` has the entries 0 to 2, ``ee_rpy`` 3 to 5,
-``gripper_width`` 6 and ``gripper_command`` 14.
+CALVIN's images are upright. In CALVIN's ``robot_obs``, the entries 0 to 2 are ``ee_position``, 3 to 5 are ``ee_rpy``, 6
+is ``gripper_width`` and 14 is ``gripper_command``.
 
 Sources: starVLA ``examples/simBenchmarks/calvin/eval_files/eval_calvin.py``; vla-evaluation-harness
 ``benchmarks/calvin/benchmark.py``; X-VLA ``evaluation/calvin/calvin_client.py``; RLinf
 ``toolkits/eval_scripts_openpi/calvin_eval.py`` for openpi; VLA-Adapter ``vla-scripts/evaluate_calvin.py`` for the
-OpenVLA family. No GR00T or Being-H client for CALVIN has been published. These presets follow the layout of starVLA's
-training data (``train_files/modality.json``), and Being-H's convention that 1 opens.
+OpenVLA family. No client for GR00T or Being-H in CALVIN has been published. Their presets follow the layout of
+starVLA's training data (``train_files/modality.json``) and Being-H's convention that a gripper value of 1 opens.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STARVLA_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), precision="float32"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""starVLA's CALVIN client: relative actions, and a gripper that opens above 0."""
+"""Layout of starVLA's CALVIN client: relative actions, and a gripper value above 0 that opens."""
 
 OPENPI_CALVIN = Adapter(
     "openpi_calvin",
@@ -51,7 +51,9 @@ OPENPI_CALVIN = Adapter(
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=5,
 )
-"""RLinf's client of openpi in CALVIN: relative actions, five executed per chunk, images in CALVIN's own sizes."""
+"""Layout of RLinf's openpi client for CALVIN: relative actions, five executed actions per chunk, and images in CALVIN's
+own sizes.
+"""
 
 VLA_EVAL_CALVIN = Adapter(
     "vla_eval_calvin",
@@ -64,9 +66,10 @@ VLA_EVAL_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_DELTA.name, twist("actions")),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""vla-evaluation-harness in CALVIN: deltas in meters and radians, accumulated to absolute poses.
+"""Layout of vla-evaluation-harness in CALVIN: deltas in meters and radians, which are accumulated to absolute poses.
 
-The harness scales images to [-1, 1] and back, which can change a value by 1 of 255. Here they are sent unchanged.
+The harness scales images to [-1, 1] and back, which can change a pixel value by 1 of 255. Here, images are sent
+unchanged.
 """
 
 VLA_EVAL_CALVIN_ABSOLUTE = replace(
@@ -81,7 +84,10 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
         precision="float32",
     ),
 )
-""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, as the harness's X-VLA server requests. Values above 0 close."""
+""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, which the harness's X-VLA server requests.
+
+Gripper values above 0 close.
+"""
 
 X_VLA_CALVIN = Adapter(
     "x_vla_calvin",
@@ -106,9 +112,12 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""X-VLA's CALVIN client, with absolute poses, 25 actions per chunk, and domain 2. After the first answer, its state is
-the last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the
-next instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
+"""Layout of X-VLA's CALVIN client: absolute poses, 25 executed actions per chunk, and domain 2.
+
+After the first answer, the state is the last commanded pose. X-VLA's own evaluation gives each instruction 720 steps
+and executes the rest of a chunk under the next instruction. Here, an instruction has CALVIN's 360 steps and begins with
+a new chunk.
+"""
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
     ("x", "translation_x"),
@@ -142,7 +151,9 @@ GR00T_CALVIN = Adapter(
     leading_axes=2,
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""A GR00T checkpoint trained on CALVIN's data in starVLA's layout: relative actions, a gripper that opens above 0."""
+"""Layout of a GR00T checkpoint trained on CALVIN's data in starVLA's format: relative actions, and a gripper value
+above 0 that opens.
+"""
 
 BEING_H_CALVIN = Adapter(
     "being_h_calvin",
@@ -162,7 +173,7 @@ BEING_H_CALVIN = Adapter(
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=8,
 )
-"""A Being-H checkpoint trained on CALVIN's data: relative actions, and a gripper that opens at 1."""
+"""Layout of a Being-H checkpoint trained on CALVIN's data: relative actions, and a gripper value of 1 that opens."""
 
 OPENVLA_CALVIN = Adapter(
     "openvla_calvin",
@@ -172,7 +183,7 @@ OPENVLA_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), gripper="closed_at_least"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""The OpenVLA family in CALVIN: relative actions, and a gripper that closes at 0.5 or more."""
+"""Layout of the OpenVLA family in CALVIN: relative actions, and a gripper value of 0.5 or more that closes."""
 
 OPENVLA_OFT_CALVIN = replace(
     OPENVLA_CALVIN,
@@ -180,7 +191,7 @@ OPENVLA_OFT_CALVIN = replace(
     views=(ImageRule(("full_image",), "front", 224, 224), ImageRule(("wrist_image",), "wrist", 224, 224)),
     states=(StateRule(("state",), _ROBOT_OBS),),
 )
-""":data:`OPENVLA_CALVIN` with two images and CALVIN's state, for OFT and similar models."""
+""":data:`OPENVLA_CALVIN` with two images and CALVIN's state, for OpenVLA-OFT and similar models."""
 
 CALVIN_PRESETS: Mapping[str, Adapter] = {
     adapter.name: adapter
@@ -203,7 +214,10 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the adapter of CALVIN's clients for a policy. ``chosen`` is True if its address named the preset."""
+    """Return the adapter that evaluation clients for CALVIN use for the same kind of policy as a given adapter.
+
+    ``chosen`` is True if the policy address explicitly names the preset.
+    """
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)
     return _NAMED.get(adapter.name) or (adapter if chosen else _USUAL.get(adapter.name, adapter))

@@ -1,8 +1,9 @@
 """Requests and actions of existing evaluation clients in LIBERO, by preset.
 
-A preset such as ``starvla`` describes a policy that was fine-tuned on betterbench demonstrations. In LIBERO, the same
-name describes a checkpoint that was trained on LIBERO. Its answers are executed as in the policy's own client, so the
-numbers passed to ``env.step`` are the same (tests/sim/worlds/test_answers.py).
+In betterbench's own scenes, a preset such as ``starvla`` is for a policy that was fine-tuned on betterbench
+demonstrations. In LIBERO, the same name is for a checkpoint that was trained on LIBERO. The checkpoint's answers are
+executed in the same way as by the policy's own client: the numbers passed to ``env.step`` are the same
+(tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
 ``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
@@ -22,7 +23,8 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.proprioception import StatePart
 
 SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
-"""LIBERO's eight-dimensional state as sent by vla-evaluation-harness: the rotation vector is at most pi long."""
+"""LIBERO's eight-dimensional state as vla-evaluation-harness sends it: the length of the rotation vector is at most pi.
+"""
 
 _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
@@ -31,13 +33,16 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "gr00t_libero_panda": lambda rule: replace(rule, gripper="open_sign"),
     "openvla": lambda rule: replace(rule, gripper="open_sign"),
     "openvla_oft": lambda rule: replace(rule, gripper="open_sign"),
-    # A negative number opens, any other number closes.
+    # A negative gripper value opens, any other value closes.
     "vla_eval": lambda rule: replace(rule, gripper="closed_at_least", gripper_threshold=0.0),
 }
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return the adapter of LIBERO's clients for a preset, or the preset itself if it needs no change."""
+    """Return the adapter that existing evaluation clients for LIBERO use for the policy of a preset.
+
+    If the preset already matches these clients, its adapter is returned unchanged.
+    """
     if adapter.name == "x_vla":
         return _x_vla(adapter)
     if adapter.name not in _CHANGES:
@@ -49,9 +54,10 @@ def in_libero(adapter: Adapter) -> Adapter:
 
 
 def _x_vla(adapter: Adapter) -> Adapter:
-    """Return X-VLA's LIBERO client, with absolute poses, the pose measured by robosuite's controller, and domain 3.
+    """Return the adapter that corresponds to X-VLA's LIBERO client.
 
-    The client rotates the front image by 180 degrees and uses the wrist image as rendered by robosuite.
+    It uses absolute poses, the pose measured by robosuite's controller, and the domain ID 3. The front image is rotated
+    by 180 degrees, and the wrist image is used as robosuite renders it.
     """
     front, wrist = adapter.views
     measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)

@@ -1,16 +1,16 @@
-"""LIBERO's own conventions, for checkpoints trained on LIBERO instead of our demonstrations.
+"""LIBERO's own conventions, for checkpoints that were trained on LIBERO instead of on betterbench demonstrations.
 
-- **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
-  gain. In one control step, the end effector moves 0.0125 m and rotates 0.1 rad per unit (measured with robosuite 1.4.0
-  on every axis, with actions of 0.1 to 1.0). Our controller executes a delta exactly, so our action units use these
-  measured values.
-- **Origin.** Positions are in LIBERO's world frame, where the robot base position depends on the kind of scene
-  (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
-- **Tool point.** LIBERO's tool point (robosuite's ``grip_site``) is 0.097 m from the hand. Ours is 0.1034 m from the
-  hand, so it is 6.4 mm lower.
-- **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and its clients
-  rotate images by 180 degrees. The images in training are therefore upright and *mirrored* (openvla/openvla issue 295,
-  huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
+- **Units.** robosuite's controller OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows the
+  resulting goal with a low gain. In one control step, the end effector moves 0.0125 m or rotates 0.1 rad per unit
+  (measured with robosuite 1.4.0 on every axis, with actions of 0.1 to 1.0). betterbench's controller executes a delta
+  exactly, so the units here are the measured values.
+- **Origin.** Positions are given in LIBERO's world frame, in which the position of the robot base depends on the kind
+  of scene (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
+- **Tool point.** LIBERO's tool point (robosuite's ``grip_site``) is 0.097 m from the hand. betterbench's tool point is
+  0.1034 m from the hand, which is 6.4 mm lower.
+- **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and LIBERO's
+  clients rotate images by 180 degrees. The training images are therefore upright and *mirrored* (openvla/openvla issue
+  295, huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ MEASURED_ROTATION_RAD = 0.1
 """Measured end-effector rotation per action unit in one LIBERO control step [rad]."""
 
 TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
-"""LIBERO's tool point in betterbench's tool frame [m]. The z axis points from the hand to the fingertips."""
+"""Position of LIBERO's tool point in betterbench's tool frame [m].
+
+The z axis points from the hand to the fingertips.
+"""
 
 _TABLE, _FLOOR, _STUDY = (-0.66, 0.0, 0.912), (-0.6, 0.0, 0.0), (-0.75, 0.0, 0.912)
 _LIVING_ROOM = (-0.51, 0.0, 0.42)
@@ -42,20 +45,20 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
     "study": _STUDY,
     "living_room": _LIVING_ROOM,
 }
-"""Position of the robot's base in LIBERO's world [m], by suite, and by scene if it differs within the suite.
+"""Position of the robot base in LIBERO's world frame [m], by suite, and by scene if scenes of a suite differ.
 
-LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies. The position in the kitchens is used for both.
+LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies. Their entries give the position in the kitchens.
 """
 
 
 def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polarity = "close_positive") -> Adapter:
-    """Return an adapter for a checkpoint trained on a suite of LIBERO.
+    """Return an adapter for a checkpoint that was trained on a LIBERO suite.
 
     Args:
-        adapter: Layout of a policy that was fine-tuned on betterbench demonstrations.
-        name: Name of the adapter that is returned.
-        suite: A key of :data:`BASES_M`.
-        gripper: Gripper polarity in the checkpoint's data.
+        adapter: Adapter for the same kind of policy when it has been fine-tuned on betterbench demonstrations.
+        name: Name of the returned adapter.
+        suite: Name of the LIBERO suite, which is a key of :data:`BASES_M`.
+        gripper: Gripper convention in the checkpoint's training data.
     """
     return replace(
         adapter,

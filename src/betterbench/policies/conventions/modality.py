@@ -1,4 +1,4 @@
-"""Modalities declared by a GR00T server, with entries and required time steps."""
+"""Modalities of a GR00T server: the inputs and outputs that it declares, and the time steps needed of each input."""
 
 from __future__ import annotations
 
@@ -11,21 +11,26 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.protocols.wire import ModalityConfig
 
 SEEN = ("video", "state")
-"""Modalities of an observation with a time axis."""
+"""Modalities of an observation that have a time axis."""
 
 
 _MOST_SHOWN = 20
-"""Maximum number of names in one message."""
+"""Maximum number of names listed in one message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Modalities:
-    """Modalities of a server, each with entries and time steps.
+    """Inputs and outputs that a GR00T server declares.
 
     Attributes:
-        video: Names of the required images, or None if not declared. The same applies to the other modalities.
-        steps: Control steps of each sample relative to now, by modality in ``SEEN``. The last step is 0.
-        prefixed: Whether names have their modality as a prefix ("video.front"), as in N1.5.
+        video: Names of the required images, or None if the server does not declare them.
+        state: Names of the required states, or None.
+        language: Names of the required instructions, or None.
+        action: Names of the actions, or None.
+        steps: Control steps from which the policy needs observations, for each modality in ``SEEN``. They are relative
+            to the current step, which is 0 and comes last.
+        horizon: Number of actions in a chunk, or None if the server does not declare it.
+        prefixed: Whether names begin with their modality ("video.front"), as in N1.5.
     """
 
     video: tuple[str, ...] | None = None
@@ -38,15 +43,16 @@ class Modalities:
 
     @classmethod
     def read(cls, reply: object, where: str) -> Modalities:
-        """Read the answer to ``get_modality_config``. A plain map, as from starVLA's server, declares nothing.
+        """Parse the answer to ``get_modality_config``. A plain map, such as starVLA's server returns, declares nothing.
 
-        Raises HandshakeError if the answer is malformed, or requires inputs that no client has.
+        Raises HandshakeError if the answer is malformed, or if the policy needs observations at steps that the client
+        cannot provide.
         """
         marked = [isinstance(value, ModalityConfig) for value in reply.values()] if isinstance(reply, Mapping) else []
         if isinstance(reply, Mapping) and not any(marked):
             return cls()
         if not isinstance(reply, Mapping) or not all(marked):
-            raise HandshakeError(f"{where}: its reply to get_modality_config contains no modality configs.")
+            raise HandshakeError(f"{where}: the reply to get_modality_config contains no modality configs.")
         names = {
             kind: tuple(_bare(key, kind) for key in reply[kind].modality_keys)
             for kind in (*SEEN, "language", "action")
@@ -56,8 +62,8 @@ class Modalities:
         for kind, wanted in steps.items():
             if names.get(kind) and (not wanted or wanted[-1] != 0 or list(wanted) != sorted(set(wanted))):
                 raise HandshakeError(
-                    f"{where} needs {kind} at the steps {one_line(list(wanted), most=100)} relative to now. "
-                    "This client supports increasing steps that end with 0, such as [-1, 0]."
+                    f"{where} needs {kind} at the steps {one_line(list(wanted), most=100)} relative to the "
+                    "current step. This client supports increasing steps that end with 0, such as [-1, 0]."
                 )
         prefixed = any(key.startswith(f"{kind}.") for kind, config in reply.items() for key in config.modality_keys)
         horizon = len(reply["action"].delta_indices) if "action" in reply else None
@@ -69,9 +75,9 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise HandshakeError, with both declarations of each modality, if the adapter differs.
+        """Raise HandshakeError if an adapter and the server have different modalities. The message quotes both.
 
-        The key of the instruction is not compared, because the server's key is used.
+        The key of the instruction is not compared, because the client uses the server's key.
         """
         given = {
             "video": [name_of(rule.key) for rule in adapter.views],
@@ -92,11 +98,11 @@ class Modalities:
         if differences:
             raise HandshakeError(
                 f"{where} and the adapter {adapter.name!r} declare different modalities. {'; '.join(differences)}. "
-                "Give adapter=FILE with the names in the modality.json used for fine-tuning."
+                "Add adapter=FILE with an adapter that uses the names in the modality.json of the fine-tuning."
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON-serializable dict stored with the run."""
+        """Return the modalities as a JSON-serializable dict, which is stored with the run."""
         return {
             **{kind: getattr(self, kind) for kind in (*SEEN, "language", "action")},
             "steps": {kind: list(steps) for kind, steps in self.steps.items()},
@@ -105,7 +111,10 @@ class Modalities:
 
 
 def name_of(key: tuple[str, ...]) -> str:
-    """Return an adapter key's name without prefix: ("video", "front") and ("video.front",) are both "front"."""
+    """Return the name that an adapter key contains, without the modality.
+
+    For example, ("video", "front") and ("video.front",) both give "front".
+    """
     if len(key) > 1:
         return "/".join(key[1:])
     kind, dot, rest = key[0].partition(".")
@@ -113,12 +122,12 @@ def name_of(key: tuple[str, ...]) -> str:
 
 
 def _bare(key: str, kind: str) -> str:
-    """Return a server's name without the modality prefix of N1.5."""
+    """Return a name that a server declares, without the prefix for the modality that N1.5 adds."""
     return key.removeprefix(f"{kind}.") if kind != "language" else key
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return names for a message, shortened if there are many."""
+    """Join names for use in a message, and shorten the result if there are many."""
     known = sorted(names)
     more = f" and {len(known) - _MOST_SHOWN} more" if len(known) > _MOST_SHOWN else ""
     return ", ".join(one_line(name, most=60) for name in known[:_MOST_SHOWN]) + more or "nothing"

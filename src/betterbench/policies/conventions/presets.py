@@ -1,4 +1,4 @@
-"""Adapters for known policies, and the address options that override them."""
+"""Adapters for known policies, and options of a policy address that override parts of an adapter."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _UNITS: dict[str, tuple[float, float]] = {
     "libero_measured": (MEASURED_TRANSLATION_M, MEASURED_ROTATION_RAD),
     "physical": (1.0, 1.0),
 }
-"""Translation [m] and rotation [rad] of one action unit, by name of the scale."""
+"""Translation [m] and rotation [rad] that one action unit stands for, by name of the scale."""
 
 _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
 
 def _twist_by_axis(translation: tuple[str, str, str], rotation: tuple[str, str, str], gripper: str) -> AnswerRule:
-    """Return an answer rule with one key per axis, in LIBERO's units."""
+    """Return an answer rule with one array per axis, in LIBERO's units."""
     kinds: tuple[AnswerKind, ...] = ("translation_x", "translation_y", "translation_z")
     kinds += ("rotation_x", "rotation_y", "rotation_z")
     axes = tuple(AnswerPart((key,), kind) for key, kind in zip((*translation, *rotation), kinds, strict=True))
@@ -64,7 +64,7 @@ NATIVE = Adapter(
     instruction=InstructionRule(("prompt",)),
     episode_key=("better/episode",),
 )
-"""The complete observation of betterbench in openpi's protocol. Answers are executed unchanged."""
+"""Complete observation of betterbench in openpi's protocol. Answers are executed unchanged."""
 
 OPENPI_LIBERO = Adapter(
     "openpi_libero",
@@ -77,12 +77,12 @@ OPENPI_LIBERO = Adapter(
     answer=AnswerRule("ee_delta", twist("actions")),
     horizon=5,
 )
-"""The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
+"""LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This layout is for a policy fine-tuned on demonstrations of betterbench. ``openpi_libero_SUITE`` is for a checkpoint
-trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they must not be
-rotated by 180 degrees. The state is the tool's position and rotation vector and the two finger joints. openpi's example
-client executes 5 actions of a chunk.
+This layout is for a policy fine-tuned on betterbench demonstrations. ``openpi_libero_SUITE`` is for a checkpoint
+trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). betterbench's images are upright, so they
+must not be rotated by 180 degrees. The state consists of the position and rotation vector of the tool and the positions
+of the two finger joints. openpi's example client executes 5 actions of a chunk.
 """
 
 OPENPI_DROID = Adapter(
@@ -105,16 +105,18 @@ OPENPI_DROID = Adapter(
     ),
     horizon=8,
 )
-"""The DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
+"""DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
 
-DROID's actions are seven joint velocities in units of 0.2 rad per step at 15 Hz, that is 3 rad/s (``droid/robot_ik/
-robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper position from 0 (open) to 1 (closed), which
-the client thresholds at 0.5. The actions are executed as velocities: at our 20 Hz one unit is a step of 0.15 rad.
-``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds are reduced
-and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded angles.
-DROID's exterior camera is at the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
-droid`` renders. ``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client
-executes 8 actions of a chunk.
+DROID's actions are seven joint velocities and a gripper position. The velocities are in units of 0.2 rad per step at 15
+Hz, that is 3 rad/s (``droid/robot_ik/robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``). The gripper position
+ranges from 0 (open) to 1 (closed), and the client thresholds it at 0.5. betterbench executes the actions as velocities:
+at its control rate of 20 Hz, one unit is a step of 0.15 rad. ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the limit
+of the slowest joint), so velocities above two thirds of a unit are reduced and counted as clipped. DROID adds a step to
+the measured joint angles, whereas betterbench adds it to the last commanded angles.
+
+DROID's exterior camera is at the side of the robot. The closest camera in betterbench is ``left_shoulder``, which
+``--observation droid`` renders. ``camera.observation/exterior_image_1_left=front`` uses the front view instead.
+openpi's example client executes 8 actions of a chunk.
 """
 
 GR00T_NEW_EMBODIMENT = Adapter(
@@ -129,10 +131,11 @@ GR00T_NEW_EMBODIMENT = Adapter(
     answer=AnswerRule("ee_delta", twist("ee_position", "ee_rotation", "gripper")),
     leading_axes=2,
 )
-"""GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
+"""Layout of GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning. This preset uses
-those of our export. The server declares its keys at connection, and the handshake compares them.
+The keys and slices of a new embodiment come from the ``meta/modality.json`` used for fine-tuning. This preset uses
+those of betterbench's data export. The server declares its keys when the client connects, and the handshake compares
+them.
 """
 
 _XYZ = ("x", "y", "z")
@@ -155,12 +158,13 @@ GR00T_LIBERO_PANDA = Adapter(
     answer=replace(_twist_by_axis(_XYZ, _ROLL_PITCH_YAW, "gripper"), gripper="open_fraction"),
     leading_axes=2,
 )
-"""GR00T with the embodiment tag ``libero_panda`` (N1.6; ``libero_sim`` in N1.7, ``gr00t/configs/data/
-embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
+"""Layout of GR00T with the embodiment tag ``libero_panda`` (N1.6; ``libero_sim`` in N1.7,
+``gr00t/configs/data/embodiment_configs.py``), and of the LIBERO example of N1.5
+(``examples/Libero/custom_data_config.py``).
 
-The values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in the clients), in the state and in the
-action. In the data, a gripper value of 1 is open, but the clients invert it. ``gr00t_libero_panda_SUITE`` is for a
-checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
+In the state and in the action, the values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in the
+clients). In the training data, a gripper value of 1 means open, but the clients invert it. ``gr00t_libero_panda_SUITE``
+is for a checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
 """
 
 GR00T_OXE_WIDOWX = Adapter(
@@ -187,12 +191,13 @@ GR00T_OXE_WIDOWX = Adapter(
     ),
     leading_axes=2,
 )
-"""GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
-(``examples/SimplerEnv/custom_data_config.py``).
+"""Layout of GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and of the WidowX
+example of N1.5 (``examples/SimplerEnv/custom_data_config.py``).
 
-BridgeData V2 conventions: meters, and angles about the base axes, at 5 Hz. A gripper value of 1 is open. Rotations are
-measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``: ``DEFAULT_ROTATION``;
-SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes a quarter of a delta.
+The conventions are those of BridgeData V2: meters, and angles about the base axes, at 5 Hz. A gripper value of 1 means
+open. Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
+``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are executed as velocities: each step at 20 Hz executes
+a quarter of a delta.
 """
 
 GR00T_OXE_DROID = Adapter(
@@ -213,12 +218,13 @@ GR00T_OXE_DROID = Adapter(
     ),
     leading_axes=2,
 )
-"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output. The server
-has already converted the model's relative angles to absolute ones. A gripper value of 1 is closed.
+"""Layout of GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output.
 
-GR00T's client executes the angles at 15 Hz. Here they are executed at 20 Hz, a third faster. N1.7's tag
+The server has already converted the model's relative angles to absolute angles. A gripper value of 1 means closed.
+
+GR00T's client executes the angles at 15 Hz. Here they are executed at 20 Hz, which is a third faster. N1.7's tag
 ``oxe_droid_relative_eef_relative_joint`` is different: it has two more entries (``eef_9d``) in a tool frame of DROID.
-For the camera see :data:`OPENPI_DROID`.
+:data:`OPENPI_DROID` describes the choice of camera.
 """
 
 BEING_H_LIBERO = Adapter(
@@ -234,13 +240,13 @@ BEING_H_LIBERO = Adapter(
     leading_axes=1,
     horizon=8,
 )
-"""Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
+"""Layout of Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
-As in Being-H's client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered. The server resizes them, and
-8 actions of a chunk are executed.
+As in Being-H's client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered and resized by the server,
+and 8 actions of a chunk are executed.
 
-``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. In its data, a gripper value of 1 is open
-(``BeingH/benchmark/libero/run_libero_eval.py`` inverts it).
+``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. In the data of such a checkpoint, a gripper value
+of 1 means open (``BeingH/benchmark/libero/run_libero_eval.py`` inverts it).
 """
 
 VLA_EVAL = Adapter(
@@ -250,9 +256,11 @@ VLA_EVAL = Adapter(
     instruction=InstructionRule(("task_description",)),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), accepted by nearly all
-its model servers: images by camera, an eight-dimensional state, and the instruction. The server resizes images. Servers
-that need one image use the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
+"""LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``): images by camera, an
+eight-dimensional state, and the instruction. Nearly all model servers of the harness accept it. The server resizes the
+images. A server that needs a single image uses the first one. ``vla_eval_libero_SUITE`` is for models trained on LIBERO
+itself.
+"""
 
 VLA_EVAL_ABSOLUTE = replace(
     VLA_EVAL,
@@ -263,7 +271,7 @@ VLA_EVAL_ABSOLUTE = replace(
     ),
     answer=AnswerRule("libero_absolute", twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
 )
-"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server requests."""
+"""Layout of vla-evaluation-harness in LIBERO with ``absolute_action``, which the harness's X-VLA server requests."""
 
 _STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
 
@@ -274,13 +282,12 @@ STARVLA = Adapter(
     instruction=InstructionRule(("lang",)),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""Example in starVLA's requests, without a state (``deployment/model_server``).
+"""Layout of an example in starVLA's requests, without a state (``deployment/model_server``).
 
-The entries under ``image`` are sent as a list, in this order, in the sizes of starVLA's LIBERO client.
-
-Some starVLA models write a received state into the prompt, so a state is sent only on request (:data:`STARVLA_STATE`).
+The images are sent as a list, in the order and the sizes of starVLA's LIBERO client. Some starVLA models write any
+state that they receive into the prompt, so a state is sent only by a separate preset (:data:`STARVLA_STATE`).
 ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on LIBERO itself, where a
-gripper value of 1 is open.
+gripper value of 1 means open.
 """
 
 STARVLA_STATE = replace(
@@ -288,7 +295,7 @@ STARVLA_STATE = replace(
     name="starvla_state",
     states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
 )
-"""starVLA's requests with LIBERO's eight-dimensional state, for models trained with a state."""
+"""Layout of starVLA's requests with LIBERO's eight-dimensional state, for models that were trained with a state."""
 
 OPENVLA = Adapter(
     "openvla",
@@ -297,11 +304,12 @@ OPENVLA = Adapter(
     instruction=InstructionRule(("instruction",)),
     answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
-"""The body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
+"""Body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
 
-``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. A gripper
-value of 1 is open. Checkpoints trained with random crops need the central 0.9 of the image, which some servers crop and
-others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+A checkpoint trained on several data sets needs the name of a normalization, which ``send.unnorm_key=NAME`` adds. A
+gripper value of 1 means open. Checkpoints trained with random crops need the central 0.9 of the image. Some servers
+crop the image themselves; for the others, give ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on
+LIBERO itself.
 """
 
 OPENVLA_OFT = Adapter(
@@ -311,8 +319,11 @@ OPENVLA_OFT = Adapter(
     instruction=InstructionRule(("instruction",)),
     answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
-"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state. The answer is a chunk. See
-:data:`OPENVLA`. ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+"""Body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state.
+
+The answer is a chunk. The rest is as in :data:`OPENVLA`. ``openvla_oft_libero_SUITE`` is for checkpoints trained on
+LIBERO itself.
+"""
 
 X_VLA = Adapter(
     "x_vla",
@@ -332,12 +343,12 @@ X_VLA = Adapter(
     ),
     constants=(ConstantRule(("domain_id",)), ConstantRule(("steps",), 10)),
 )
-"""The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
+"""Body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
-It contains images and a state with ten numbers per arm for two arms, of which a single arm fills nine. The answer
-consists of absolute tool poses. Arrays are sent as strings (``arrays=text``). ``domain_id`` selects the data set whose
-prompt the model uses (3 is LIBERO) and must be given: ``send.domain_id=3``. X-VLA's client sends the last commanded
-pose. This preset sends the measured pose.
+It contains images and a state with ten numbers for each of two arms. A robot with a single arm fills nine of these
+numbers. The answer consists of absolute tool poses. Arrays are sent as strings (``arrays=text``). ``domain_id`` selects
+the data set whose prompt the model uses (3 is LIBERO). It must be given in the address: ``send.domain_id=3``. X-VLA's
+client sends the last commanded pose, whereas this preset sends the measured pose.
 """
 
 DEXBOTIC = Adapter(
@@ -350,11 +361,10 @@ DEXBOTIC = Adapter(
     instruction=InstructionRule(("observation", "prompt")),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""The body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
+"""Body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
 ``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
-plain instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.clients.dexbotic`).
-
-Dexbotic's clients pass the answer to LIBERO unchanged, so a gripper value of +1 closes. They execute 5 (pi0) to 12
+plain instruction. ``POST /process_frame`` gets the same data as a form (:mod:`betterbench.policies.clients.dexbotic`).
+Dexbotic's clients pass the answer to LIBERO unchanged, so a gripper value of +1 closes. They execute from 5 (pi0) to 12
 (DM0) actions of a chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
 """
 
@@ -365,10 +375,10 @@ DEXBOTIC_COGACT = replace(
     states=(),
     instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
 )
-"""The body for Dexbotic's CogACT, MemVLA and OFT models.
+"""Body of the requests to Dexbotic's CogACT, MemVLA and OFT models.
 
-It has one image, no state, and the prompt template of training. ``dexbotic_cogact_libero_SUITE`` is for checkpoints
-trained on LIBERO itself.
+It has one image, no state, and the prompt template that was used in training. ``dexbotic_cogact_libero_SUITE`` is for
+checkpoints trained on LIBERO itself.
 """
 
 LEROBOT = Adapter(
@@ -381,9 +391,10 @@ LEROBOT = Adapter(
     instruction=InstructionRule(("task",)),
     answer=AnswerRule("ee_delta", twist("action")),
 )
-"""LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
+"""Layout with LeRobot's own names, as ``lerobot:CHECKPOINT`` derives it from a checkpoint trained on betterbench's data
+export.
 
-The state equals the state in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+The state is the same as in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 LEROBOT_SO101: dict[str, Adapter] = {
@@ -395,7 +406,9 @@ LEROBOT_SO101: dict[str, Adapter] = {
     )
     for space in get_args(MotorPart)
 }
-"""LeRobot's ``so101_follower``: the positions of its six motors as state and action, in degrees or normalized."""
+"""Layouts for LeRobot's ``so101_follower``: state and action are the positions of its six motors, in degrees or
+normalized.
+"""
 
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (OPENPI_LIBERO, "openpi_libero", "close_positive"),
@@ -435,11 +448,14 @@ OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.ans
 """Presets whose actions betterbench's own scenes can execute."""
 
 UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
-"""Original layout of each preset that converts our observations to LIBERO's conventions, for use in LIBERO itself."""
+"""Original layout of each preset that converts betterbench's observations to LIBERO's conventions.
+
+LIBERO itself needs no such conversion.
+"""
 
 
 def preset(name: str) -> Adapter:
-    """Return a preset by name. Raises UnknownNameError if no such preset exists."""
+    """Return the preset with the given name. Raises UnknownNameError if the name is unknown."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -447,32 +463,32 @@ def preset(name: str) -> Adapter:
 
 
 def own_preset(name: str) -> Adapter:
-    """Return a preset for betterbench's own scenes.
+    """Return the preset with the given name, for use in betterbench's own scenes.
 
-    Raises UnknownNameError if no such preset exists, and InvalidInputError if only another world executes its actions.
+    Raises UnknownNameError if the name is unknown, and InvalidInputError if only LIBERO or CALVIN can execute the
+    actions of the preset.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
         raise InvalidInputError(
             f"preset {name}",
-            f"its action space {found.answer.space} is not available in betterbench's own scenes",
-            f"Give one of {', '.join(presets_in(''))}",
+            f"the action space {found.answer.space} is not available in betterbench's own scenes",
+            f"Use one of {', '.join(presets_in(''))}",
         )
     return found
 
 
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
-    """Return the adapter given in an address, or the default if it names neither a preset nor a file.
+    """Return the adapter that a policy address selects.
 
-    In another world, a preset matches that world's own clients for such a policy.
-
-    Raises InvalidInputError if the address has both, or has neither and there is no default. It is also raised if an
-    option is malformed, or if the world cannot execute such actions. Raises UnknownNameError if a preset or another
-    name does not exist.
+    If the address names neither a preset nor a file, return the default. In LIBERO and CALVIN, a preset is adapted to
+    the clients that these benchmarks use for the same kind of policy. Raises InvalidInputError if the address names
+    both a preset and a file, if it names neither and there is no default, if an option is malformed, or if the
+    benchmark cannot execute the actions. Raises UnknownNameError if a preset or another name does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
-        raise InvalidInputError(where, "the address has both a preset and an adapter", "Give one of them")
+        raise InvalidInputError(where, "the address has both a preset and an adapter", "Use only one of them")
     named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
@@ -501,20 +517,20 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the offset in an address. Raises InvalidInputError if the offset would have no effect."""
+    """Apply the option ``ee_offset`` to an adapter. Raises InvalidInputError if the offset would have no effect."""
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
-        reason = "the native layout uses the frame of the robot's base"
+        reason = "the native layout uses the robot's base frame"
     elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
         reason = f"{adapter.name} does not contain the end-effector position"
     else:
         return replace(adapter, ee_offset_m=_offset(address))
-    raise address.error(f"ee_offset has no effect, because {reason}", "Leave out ee_offset")
+    raise address.error(f"ee_offset has no effect, because {reason}", "Omit ee_offset")
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return a preset's adapter in the world of an address."""
+    """Adapt a preset to the benchmark for which the policy address was parsed."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
         return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the layout of NVIDIA's LIBERO checkpoints
@@ -524,8 +540,8 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Return the error for actions that an address's world does not support, with a remedy for that world."""
-    world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
+    """Create the error for actions that a benchmark does not support, with a remedy that fits the benchmark."""
+    world, offered = _WORLD_NAMES[address.world], f"Use preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
         offered = f"Use it with --suite {suite}; in betterbench's own scenes, {offered[0].lower()}{offered[1:]}"
@@ -535,7 +551,10 @@ def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputEr
 
 
 def presets_in(world: str) -> tuple[str, ...]:
-    """Return the names of the presets for a world, or for our own scenes if ``world`` is empty."""
+    """Return the names of the presets for a benchmark such as "libero".
+
+    An empty name stands for betterbench's own scenes.
+    """
     if world == "calvin":
         return tuple(CALVIN_PRESETS)
     layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
@@ -543,13 +562,13 @@ def presets_in(world: str) -> tuple[str, ...]:
     return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
 
 
-_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
+_WORLD_NAMES = {"": "betterbench's own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the constants in an address.
+    """Apply the ``send.KEY`` options of an address to the constants of an adapter.
 
-    Raises InvalidInputError if a required constant is missing.
+    Raises InvalidInputError if a constant has neither a default nor a value in the address.
     """
     given = {k.removeprefix(CONSTANT.name): v for k, v in address.options.items() if k.startswith(CONSTANT.name)}
     if given:
@@ -564,7 +583,7 @@ def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _constant(text: str) -> bool | int | float | str:
-    """Parse a number or boolean, and return any other text unchanged."""
+    """Convert text to a number or a boolean if possible. Return any other text unchanged."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):
@@ -613,7 +632,7 @@ def _size(address: PolicyAddress) -> tuple[int, int]:
     width, _, height = text.partition("x")
     sides = (width, height or width)
     if not all(s.isdecimal() and s.isascii() and len(s) <= 4 for s in sides):
-        raise address.error(f"size={text} is not a size", "Write size=224 or size=320x240")
+        raise address.error(f"size={text} is not an image size", "Write size=224 or size=320x240")
     return int(sides[0]), int(sides[1])
 
 
@@ -622,5 +641,7 @@ def _offset(address: PolicyAddress) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise address.error(f"ee_offset={text} is not a triple of meters", "Write ee_offset=-0.66,0,0.912") from None
+        raise address.error(
+            f"ee_offset={text} does not consist of three numbers in meters", "Write ee_offset=-0.66,0,0.912"
+        ) from None
     return x, y, z

@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy: selected, formatted and ordered parts of the robot's state."""
+"""Proprioceptive inputs of a policy. They are parts of the robot's state in a given format and order."""
 
 from __future__ import annotations
 
@@ -60,16 +60,19 @@ StatePart = Literal[
     "so101_degrees",
     "so101_normalized",
 ]
-"""Part of a robot state. A part named after an action space in motor units is the measured position in these units.
+"""Part of a robot state.
 
-``ee_rpy_from_down`` is the tool's rotation relative to pointing straight down, as angles about the fixed axes of the
-base (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
-negated, as in robosuite and LIBERO. The fractions are of the full opening. ``zero`` fills an entry that the policy does
-not use. ``ee_axis_angle_short`` has a length of at most pi, so it may jump between two steps.
+A part named after an action space in motor units is the measured position in these units. ``ee_rpy_from_down`` is the
+rotation of the tool relative to a tool that points straight down, as angles about the fixed axes of the base (as in
+BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
+negated, as in robosuite and LIBERO. ``gripper_open_fraction`` and ``gripper_closed_fraction`` are fractions of the full
+opening width. ``zero`` fills an entry that the policy does not use. ``ee_axis_angle_short`` is a rotation vector of
+length at most pi, so it may jump between two steps.
 
-Some parts come from other simulators. ``controller_position`` and its rotations are the pose measured by robosuite's
-controller in LIBERO, one physics step earlier. Elsewhere they are the pose of the tool. ``gripper_command`` is the last
-gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 after a command to close.
+Some parts come from other simulators. ``controller_position`` and the corresponding rotations are the pose that
+robosuite's controller measured in LIBERO one physics step earlier. Elsewhere, they are the pose of the tool.
+``gripper_command`` is the last gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is
+1 after a command to close.
 """
 
 _AXES: dict[str, tuple[StatePart, int]] = {
@@ -79,7 +82,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts that are one component of a vector, with the vector's name and the index."""
+"""Parts that are a single component of a vector, each with the name of the vector and the index of the component."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -94,23 +97,25 @@ _SIZES: dict[str, int] = {
     **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
-"""Number of values of each part. If it depends on the robot, it is that of the Panda."""
+"""Number of values in each part. For a part whose length depends on the robot, this is the number for the Panda."""
 
 _PER_JOINT = ("joint_positions", "joint_velocities")
-"""Parts with one value per arm joint."""
+"""Parts that have one value per arm joint."""
 
 MotorPart = Literal["so101_degrees", "so101_normalized"]
-"""Parts in the units of one robot's own motors."""
+"""Parts in the units of the motors of one particular robot."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input for a policy, which is one vector with parts of the robot's state under a key.
+    """State input of a policy: one vector that consists of parts of the robot's state.
 
     Attributes:
-        dtype: Type of its numbers.
-        scalar: Whether to send a plain number instead of an array. This is only possible for a single number.
+        key: Path of the vector in the request.
+        parts: Parts of the vector, in order.
+        dtype: Number type of the vector.
+        scalar: Whether a plain number is sent instead of an array. This requires a vector of length 1.
     """
 
     key: tuple[str, ...]
@@ -119,12 +124,14 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the input has parts."""
+        """Check that the state has parts, and that a scalar has only one value."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
-            raise InvalidInputError(where, "the state has no parts", "Give at least one, such as ee_position")
+            raise InvalidInputError(where, "the state has no parts", "List at least one part, such as ee_position")
         if self.scalar and self.size != 1:
-            raise InvalidInputError(where, f"a scalar cannot contain {self.size} numbers", "Leave scalar out")
+            raise InvalidInputError(
+                where, f"a scalar has one value, but the parts have {self.size} values", "Omit scalar"
+            )
 
     @property
     def size(self) -> int:
@@ -137,7 +144,10 @@ class StateRule:
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self, joints: int | None = None) -> list[tuple[StatePart, slice]]:
-        """Return the vector's columns for each part, for an arm with ``joints`` joints, by default the Panda."""
+        """Return, for each part of the vector, the columns that belong to it.
+
+        ``joints`` is the number of arm joints. By default, it is the number of the Panda's joints.
+        """
         found, begin = [], 0
         for part in self.parts:
             end = begin + (joints if joints and part in _PER_JOINT else _SIZES.get(part, 1))
@@ -153,10 +163,13 @@ class StateRule:
         gripper_opening_m: float,
         tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
-        """Return the state input for an observation: an array (size,) of ``dtype``, or a number for a scalar.
+        """Return the state input for an observation, as an array (size,) of type ``dtype``.
 
-        ``ee_offset_m`` is added to the end-effector position, for policies with another origin.
-        ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` is treated as fully open.
+        If the rule describes a scalar, return a number.
+
+        ``ee_offset_m`` is added to the end-effector position, for policies whose positions have a different origin.
+        ``tool_offset_m`` is the position of the policy's tool point in betterbench's tool frame. ``gripper_opening_m``
+        is the width at which the gripper counts as fully open.
         """
         values: list[float] = []
         for part in self.parts:
@@ -176,7 +189,10 @@ class StateRule:
 def tool_position(
     observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
 ) -> list[float]:
-    """Return the position of a policy's tool point, given in our tool frame, [x, y, z] [m]."""
+    """Return the position [x, y, z] of a policy's tool point [m].
+
+    ``tool_offset_m`` is the tool point in betterbench's tool frame.
+    """
     position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
     if not any(tool_offset_m):
         return position
@@ -186,7 +202,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return the values of a complete state part other than a position."""
+    """Return the values of a state part that does not contain a position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
@@ -216,26 +232,26 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
 
 
 def motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
-    """Return the measured positions of a robot's motors in the units of its action space.
+    """Return the measured positions of a robot's motors, in the units of the robot's action space.
 
-    Raises PolicyError if the observation is of another robot.
+    Raises PolicyError if the observation comes from a different robot.
     """
     from betterbench.sim.robots import robot_of_space  # noqa: PLC0415 - MuJoCo, which only this part needs
 
     spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
     if len(joints) != space.dim - 1:
         raise PolicyError(
-            f"{space.name} is a state of the {spec.title}, but the observed robot has {len(joints)} joints. "
-            f"Evaluate with --robot {spec.name}, or give another preset."
+            f"{space.name} is a state format of the robot {spec.title}, but the observed robot has {len(joints)} "
+            f"joints. Evaluate with --robot {spec.name}, or choose another preset."
         )
     return spec.positions_in(space, joints, observation.gripper_width)
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a tool rotation in a format, without a jump when the tool passes through pointing down.
+    """Convert the rotation of a tool to a format whose values do not jump when the tool points straight down.
 
-    Pointing down is a half turn about x, at which the scalar part of the quaternion crosses zero. The rule w >= 0 would
-    flip all four signs there, and the roll would jump by a full turn between two images.
+    Pointing down is a half turn about x, at which the scalar part w of the quaternion crosses zero. The usual rule w >=
+    0 would flip all four signs there, so the roll angle would jump by a full turn between two images.
     """
     values = to_format(q, form)
     if form in ("quaternion_wxyz", "quaternion_xyzw"):

@@ -1,8 +1,8 @@
-"""Parsing of requests to a betterbench server. They contain observations in one of two layouts and are fully checked.
+"""Parsing and checking of requests to a betterbench server. A request contains an observation in one of two layouts.
 
 The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send openpi's LIBERO
-layout, which has two images, eight numbers and the instruction. This layout lacks joint angles. They are set to NaN, so
-that no policy can mistake them for a measurement.
+layout, which has two images, eight numbers and the instruction. The latter lacks joint angles, which are therefore set
+to NaN, so that no policy can mistake them for measurements.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 _MOST_LISTS = 3
@@ -28,23 +28,28 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]. Squares of much larger numbers overflow."""
+"""Largest allowed absolute value of the positions, angles and speeds of a robot [m, rad, m/s, rad/s].
+
+Squares of much larger numbers would overflow.
+"""
 _MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
-"""Number of values of each measurement, or None for one per joint of the client's robot."""
+"""Number of values of each measurement. None stands for one value per joint of the client's robot."""
 _MOST_JOINTS = 32
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Checked request of a client, with an instruction and an observation.
+    """Client request whose content has been checked.
 
     Attributes:
-        step: Control steps since reset, or None if the client does not send it.
+        instruction: Instruction for the policy.
+        step: Number of control steps since the reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
-        trial: The trial, if the client names it. Only a served expert needs it.
-        observation: The client's observation, or None if the client sends neither joints nor state.
-        measured: Whether the observation contains joint angles, which the shadow simulation compares.
+        trial: Trial that the client names, or None. Only the server of an expert needs it.
+        observation: Observation of the client, or None if the client sends neither joints nor a state.
+        measured: Whether the observation contains joint angles. If so, they are compared with those of the shadow
+            simulation.
     """
 
     instruction: str
@@ -56,7 +61,7 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request. Raises InvalidInputError with the field name if one is missing or malformed."""
+    """Parse a request. Raises InvalidInputError if a field is missing or malformed. The message names the field."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
@@ -78,9 +83,9 @@ def read_request(message: Mapping[Any, Any]) -> Request:
 
 
 def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
-    """Read the instruction and, if present, the control step of a request in an adapter's layout.
+    """Parse the instruction and, if present, the control step of a request in the layout of an adapter.
 
-    Raises InvalidInputError with the field name if the instruction is missing or malformed.
+    Raises InvalidInputError if the instruction is missing or malformed. The message names the field.
     """
     instruction = _entry(message, layout.instruction.key)
     for _ in range(_MOST_LISTS):
@@ -88,15 +93,18 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
             instruction = instruction[0]
     if not isinstance(instruction, str) or not instruction.strip():
         where = "/".join(layout.instruction.key)
-        raise InvalidInputError(where, "the instruction is missing", f"Send it as in preset {layout.name}")
+        raise InvalidInputError(
+            where, "the instruction is missing", f"Send it in the format of the preset {layout.name}"
+        )
     step = _whole(message["better/step"], "better/step") if "better/step" in message else None
     return Request(layout.instruction.read(instruction), step, None, None, None, measured=False)
 
 
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
-    """Return the states in a request in an adapter's layout, each as (size,) float64.
+    """Return the states contained in a request in the layout of an adapter, each with its values as (size,) float64.
 
-    A state of zeros is treated as missing. Raises InvalidInputError with the name of a malformed field.
+    If all values of all states are zero, the states are treated as missing. Raises InvalidInputError if a state is
+    malformed. The message names the field.
     """
     found = []
     for rule in layout.states:
@@ -107,7 +115,7 @@ def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[State
 
 
 def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value under a key, or None."""
+    """Return the value at a path in a message, or None if there is none."""
     found: object = message
     for name in key:
         found = found.get(name) if isinstance(found, Mapping) else None
@@ -115,7 +123,7 @@ def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
-    """Return the start of a client's episode, and its trial if the client names one."""
+    """Return the start of the episode as described by a client. Also return the trial if the client names one."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
             "better/episode", f"expected a map, got a {type(form).__name__}", "Send a map with action_space and episode"
@@ -148,9 +156,9 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
     joints, speeds = (len(numbers[f"joint_{name}"]) for name in ("positions", "velocities"))
     if joints != speeds:
         problem = f"expected {joints} numbers, one per joint position, got {speeds}"
-        raise InvalidInputError("better/joint_velocities", problem, "Send one number per joint in both")
+        raise InvalidInputError("better/joint_velocities", problem, "Send one position and one velocity per joint")
     if np.signbit(numbers["ee_quaternion"][0]):
-        numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in observations
+        numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in all observations
     return Observation(
         instruction=instruction,
         step=step,
@@ -178,7 +186,7 @@ def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observat
         joint_velocities=unknown.copy(),
         ee_position=state[:3],
         ee_quaternion=np.array(from_axis_angle(state[3:6].tolist())),
-        # The second finger of LIBERO's gripper has the opposite sign.
+        # The two finger positions of LIBERO's gripper have opposite signs.
         gripper_width=float(state[6] - state[7]),
         depth={},
         masks={},
@@ -194,9 +202,10 @@ def _whole(value: object, where: str) -> int:
 
 
 def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
-    """Return a flat float64 array of finite numbers in the range of a robot's measurements.
+    """Convert a value to a flat float64 array, and check that its numbers could be measurements of a robot.
 
-    A ``count`` of None means one number per joint, at most 32.
+    They must be finite and within the possible range of measurements. ``count`` is the required number of values. With
+    None, there must be one value per joint, at most 32.
     """
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only
@@ -210,7 +219,7 @@ def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
         raise InvalidInputError(where, f"expected {wanted}", f"Send a float array of shape ({shape},)")
     if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
         problem = f"the value {array[np.abs(array).argmax()]:g} is out of range"
-        raise InvalidInputError(where, problem, "Send meters and radians")
+        raise InvalidInputError(where, problem, "Send values in meters and radians")
     return array
 
 

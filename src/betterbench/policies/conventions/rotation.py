@@ -1,9 +1,10 @@
-"""Rotation formats of policies, with conversions to and from our quaternions.
+"""Rotation formats of policies, with conversions to and from betterbench's quaternions.
 
 A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
-conversion here normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small rotations of
-actions. In the state, the tool's rotation is close to half a turn, where this rule would cause jumps (see ``_rotation``
-in :mod:`betterbench.policies.conventions.proprioception`).
+conversion in this module therefore normalizes to w >= 0 with :func:`betterbench.geometry.normalize`. This is suitable
+for actions, whose rotations are small. In states, the rotation of the tool is close to a half turn, where this rule
+would cause jumps. States are therefore converted by ``_rotation`` in
+:mod:`betterbench.policies.conventions.proprioception`.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ RotationFormat = Literal[
     "rotation_6d_interleaved",
     "matrix",
 ]
-"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of
-the matrix, then the second (Zhou et al. 2019). ``_rows`` contains the first two rows instead (pytorch3d, GR00T).
-``_interleaved`` contains the first two columns read row by row (vla-evaluation-harness simulators). ``matrix`` contains
-the nine numbers row by row.
+"""Rotation format.
+
+``rpy`` are angles [rad] about the fixed axes x, y and z, in this order. ``rotation_6d`` contains the first column of
+the rotation matrix, then the second (Zhou et al. 2019). ``rotation_6d_rows`` contains the first two rows instead
+(pytorch3d, GR00T). ``rotation_6d_interleaved`` contains the first two columns read row by row (simulators of
+vla-evaluation-harness). ``matrix`` contains the nine numbers of the matrix row by row.
 """
 
 ROTATION_SIZES: dict[RotationFormat, int] = {
@@ -42,11 +45,11 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
     "rotation_6d_interleaved": 6,
     "matrix": 9,
 }
-"""Number of values of each rotation format."""
+"""Number of values in each rotation format."""
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a rotation in a policy's format. Raises ValueError if all components of the quaternion are zero."""
+    """Convert a quaternion to a rotation format. Raises ValueError if the quaternion is zero."""
     w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]
@@ -64,7 +67,7 @@ def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
     if form == "rotation_6d_interleaved":
         return [float(v) for v in matrix[:, :2].reshape(6)]
     level = math.hypot(matrix[0, 0], matrix[1, 0])
-    if level < 1e-9:  # gimbal lock: only the sum or the difference of roll and yaw is defined, so yaw is zero
+    if level < 1e-9:  # gimbal lock: only roll + yaw or roll - yaw is defined, so yaw is set to zero
         return [math.atan2(-matrix[1, 2], matrix[1, 1]), math.atan2(-matrix[2, 0], level), 0.0]
     return [
         math.atan2(matrix[2, 1], matrix[2, 2]),
@@ -74,9 +77,10 @@ def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
 
 
 def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
-    """Return the quaternion (w, x, y, z), w >= 0, of a rotation in a policy's format.
+    """Convert a rotation in a policy's format to a quaternion (w, x, y, z) with w >= 0.
 
-    Raises ValueError if the numbers are not a rotation (a quaternion of zeros, parallel columns).
+    Raises ValueError if the numbers do not describe a rotation, for example if a quaternion is zero or two matrix
+    columns are parallel.
     """
     if form == "quaternion_wxyz":
         return normalize(values)
@@ -108,15 +112,15 @@ def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
 
 
 def to_matrix(q: Quaternion) -> np.ndarray:
-    """Return the rotation matrix, shape (3, 3), of a unit quaternion."""
+    """Return the rotation matrix (3, 3) of a unit quaternion."""
     return np.array([rotate(q, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]).T
 
 
 def from_matrix(matrix: np.ndarray) -> Quaternion:
-    """Return the quaternion of a rotation matrix, shape (3, 3).
+    """Return the quaternion of a rotation matrix (3, 3).
 
-    The largest of the four components is computed first and the others from it, which avoids the square root of a
-    number near zero.
+    The largest of the four components is computed first, and the others are computed from it. In this way, no square
+    root of a number near zero is needed.
     """
     m = matrix
     t = (
@@ -132,7 +136,10 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix with columns along two vectors, after making the second orthogonal to the first."""
+    """Return a rotation matrix whose first column points along one vector and whose second is close to another.
+
+    The second vector is made orthogonal to the first vector.
+    """
     length = float(np.linalg.norm(first))
     if length < 1e-9:
         raise ValueError("a matrix with a zero column is not a rotation")

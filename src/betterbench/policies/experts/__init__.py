@@ -1,6 +1,6 @@
-"""Privileged policies: the expert, and the faulty policies that calibrate the diagnosis.
+"""Privileged policies, which read the simulator state: the expert, and faulty policies that calibrate the diagnosis.
 
-Each public name is imported at first use, so an address can be read without a simulator.
+Each public name is imported when it is first used, so that addresses can be parsed without loading a simulator.
 """
 
 from typing import TYPE_CHECKING

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from betterbench.policies.address import AddressForm, Option, PolicyAddress
 
 MAX_ACTION_NOISE_M = 0.02
-"""Maximum action noise [m]. With more noise, the robot knocks over objects in every trial."""
+"""Largest allowed action noise [m]. With more noise, the robot knocks over objects in every trial."""
 
 OPTIONS = (
-    Option("strength", "the share of the trials in which the faulty rule applies", "number", 1.0),
+    Option("strength", "the fraction of trials in which the faulty rule applies", "number", 1.0),
     Option(
         "action_noise",
-        "the standard deviation of the noise on each control step's translation [m]",
+        "the standard deviation of the noise added to the translation of each control step [m]",
         "number",
         MAX_ACTION_NOISE_M,
     ),
@@ -24,18 +24,19 @@ ZOO_FORM = AddressForm(scheme="zoo", example="zoo:lexical", target="optional", o
 PROBE_FORM = AddressForm(scheme="probe", example="probe:no-language", target="optional", options=OPTIONS)
 
 WITNESS = "expert:witness"
-"""Address of the expert that also records which faulty rules make the same decisions (see
-:mod:`betterbench.policies.experts.witness`)."""
+"""Address of the expert that also records which faulty rules would make the same decisions (see
+:mod:`betterbench.policies.experts.witness`).
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Address of a privileged policy, with its execution noise.
+    """Parsed address of a privileged policy, with options for the strength of its fault and for execution noise.
 
     Attributes:
-        name: Name without options.
-        strength: Fraction of trials in which the rule applies.
-        action_noise_m: Standard deviation of the noise on each control step's translation [m].
+        name: Address without the options.
+        strength: Fraction of trials in which the faulty rule applies.
+        action_noise_m: Standard deviation of the noise added to the translation of each control step [m].
     """
 
     name: str
@@ -44,11 +45,11 @@ class Address:
 
     @classmethod
     def of(cls, read: PolicyAddress) -> Address:
-        """Return the privileged policy of a parsed address."""
+        """Return the privileged policy that a parsed policy address describes."""
         return cls(read.name, read.number("strength", 1.0), read.number("action_noise", 0.0))
 
     def __str__(self) -> str:
-        """Return the address, without options at their default."""
+        """Return the address. Options with their default value are omitted."""
         options = [f"strength={self.strength:g}"] * (self.strength < 1.0) + [
             f"action_noise={self.action_noise_m:g}"
         ] * (self.action_noise_m > 0.0)

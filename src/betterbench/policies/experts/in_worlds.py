@@ -1,4 +1,4 @@
-"""Privileged policies for other worlds."""
+"""Privileged policies that work in betterbench's own scenes and in LIBERO."""
 
 from __future__ import annotations
 
@@ -15,7 +15,12 @@ EXPERTS_IN: Mapping[str, Callable[[str, Any], PrivilegedPolicy]] = {
     OURS.name: make_expert,
     LIBERO.name: libero.LiberoAgent,
 }
-"""Policy constructors by world (``scene.world``), called with an address and a scene."""
+"""Constructors of privileged policies, by simulated world (``scene.world``).
+
+They are called with an address and a scene.
+"""
 
 POLICIES_IN: Mapping[str, tuple[str, ...]] = {LIBERO.title: tuple(libero.POLICIES)}
-"""Addresses of the policies that support another world's state, by title of the world."""
+"""Addresses of the privileged policies that work in a simulated world other than betterbench's own, by title of the
+world.
+"""

@@ -1,7 +1,8 @@
-"""A pick-and-place expert for LIBERO, and faulty policies that calibrate the diagnosis there.
+"""Pick-and-place expert for LIBERO, and faulty policies that calibrate the diagnosis in LIBERO.
 
-The policies act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose. Each action is therefore
-the difference between the goal and the measured pose. The fingers close along the x axis of LIBERO's tool.
+The policies act through robosuite's ``OSC_POSE`` controller, which adds each delta to the measured pose. Each action is
+therefore the difference between the goal pose and the measured pose. The fingers close along the x axis of LIBERO's
+tool frame.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ from betterbench.tasks import Label, TrainingDistribution, stream
 from betterbench.tasks.worlds.libero_training import CARRIED, trained_in, word_of_sentence
 
 FINGER_ROOM_M = 0.074
-"""Maximum width of an object grasped between the fingers [m]. The fingers open to 77 mm."""
+"""Largest width of an object that is grasped between the fingers [m]. The fingers open to 77 mm."""
 
 TOOL_TIP_M = 0.011
-"""Length of the fingers below the tool center point [m]."""
+"""Distance by which the fingers extend below the tool center point [m]."""
 
 HAND_ABOVE_M = 0.035
-"""Height of the hand above the tool center point [m]."""
+"""Distance of the hand above the tool center point [m]."""
 
 HAND_HALF_M = (0.04, 0.11)
-"""Half extents of the hand across the fingers' axis and along it [m]."""
+"""Half extents of the hand, across the axis along which the fingers close, and along this axis [m]."""
 
 HOME_YAW = 0.5 * math.pi
-"""Heading of the fingers' axis at home [rad]."""
+"""Direction of the axis along which the fingers close, in the home pose [rad]."""
 
 _TRIES = 3
 _NEAR_M = 0.006
@@ -49,14 +50,15 @@ POLICIES = {
     "zoo:habit-place": "brings the right object to the trained position of the target",
     "zoo:clumsy": "reaches for the right object, but drops it or closes the gripper next to it",
 }
-"""The privileged policies that support LIBERO, by address, with their behavior."""
+"""Privileged policies that work in LIBERO, by address, with a description of their behavior."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """Object to carry, and the target position of the center of its bottom face [m].
+    """Object to carry, and the position to which the center of its bottom face is brought [m].
 
-    ``fault`` is the fault of a wrong target, recorded only after the object has been carried there.
+    If this is the wrong target, ``fault`` describes the fault. It is recorded only after the object has been carried
+    there.
     """
 
     object: str
@@ -65,20 +67,19 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Privileged policy for one episode of a LIBERO task in which objects are carried."""
+    """Privileged policy for one episode of a LIBERO task whose goal is reached by carrying objects."""
 
     def __init__(self, address: str, scene: ProcessScene) -> None:
-        """Prepare for an episode that has been reset.
+        """Prepare the policy for an episode of a scene that has been reset.
 
         Raises:
             UnknownNameError: If no such policy exists.
-            InvalidInputError: If the policy does not support LIBERO, or the task needs other skills.
+            InvalidInputError: If the policy does not work in LIBERO, or if the task requires more than carrying
+                objects.
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
-            raise InvalidInputError(
-                "policy", f"{address} does not support LIBERO", f"Give one of {', '.join(POLICIES)}"
-            )
+            raise InvalidInputError("policy", f"{address} does not support LIBERO", f"Use one of {', '.join(POLICIES)}")
         self._name, self._rule, self._noise_m = address, asked.name, asked.action_noise_m
         self._scene = scene
         self._random = stream(scene.task.id, scene.seed, f"{asked.name}:{scene.condition.name}")
@@ -91,12 +92,15 @@ class LiberoAgent:
 
     @property
     def name(self) -> str:
-        """Policy address."""
+        """Address of the policy."""
         return self._name
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """Ground truth about the policy's episode, as in :class:`betterbench.policies.experts.PrivilegedAgent`."""
+        """Ground truth about the episode.
+
+        :class:`betterbench.policies.experts.PrivilegedAgent` describes the format.
+        """
         fault = self._fault
         return {
             "truth": "" if fault is None else fault.label,
@@ -105,7 +109,7 @@ class LiberoAgent:
         }
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,)."""
+        """Return the next action (7,) in the action space ``ee_delta``."""
         if self._run is None:
             self._run = self._actions(state)
             action = next(self._run)
@@ -117,7 +121,7 @@ class LiberoAgent:
         return action
 
     def close(self) -> None:
-        """Release the episode."""
+        """End the episode and release its resources."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
@@ -137,7 +141,10 @@ class LiberoAgent:
             state = yield _still(state, OPEN)
 
     def _decide(self, state: WorldState, step: CarriedStep, number: int) -> _Aim:
-        """Return the object to carry and its target, and record the first wrong decision about the object."""
+        """Decide which object to carry, and to which target.
+
+        The first wrong decision about the object is recorded as a fault.
+        """
         target = state.pose(step.target)
         right = _Aim(step.object, _place_of(state, step))
         if not self._applies or self._rule == "expert":
@@ -166,7 +173,7 @@ class LiberoAgent:
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
-        """Return the slots from which a rule picks, in order of preference, and the label for a wrong pick."""
+        """Return the slots from which the faulty rule picks, in order of preference, and the label of a wrong pick."""
         here = {slot.name for slot in state.info.slots}
         trained = self._trained
         if self._rule == "zoo:layout":
@@ -184,7 +191,7 @@ class LiberoAgent:
             self._fault = Fault(label, number, text)
 
     def _bring(self, state: WorldState, aim: _Aim) -> Motion:
-        """Pick an object and release it at its target."""
+        """Pick up an object and release it at its target."""
         thing = state.info.object(aim.object)
         grasp = self._grasp(state, thing)
         clear = max(_top(state, o) for o in state.info.objects if not o.fixed) + thing.size_m[2] + 0.03
@@ -221,7 +228,10 @@ class LiberoAgent:
         return state
 
     def _grasp(self, state: WorldState, thing: ObjectInfo) -> Pose:
-        """Return the tool pose at which the fingers close on an object or, with a grasp fault, next to the object."""
+        """Return the tool pose at which the gripper closes.
+
+        If the policy is supposed to miss the object, the pose is next to the object.
+        """
         grasp = grasp_of(state, thing)
         if not self._miss:
             return grasp
@@ -233,7 +243,10 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """Goal relation reached by carrying an object. ``number`` is the index in the goal."""
+    """Relation in the goal that is established by carrying an object.
+
+    ``number`` is the index of the relation in the goal.
+    """
 
     number: int
     relation: str
@@ -242,31 +255,35 @@ class CarriedStep:
 
 
 def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
-    """Return the steps of a scene's task after reset.
+    """Return the carrying steps that reach the goal of a scene's task. The scene must have been reset.
 
     Raises:
-        InvalidInputError: If a step requires more than carrying.
+        InvalidInputError: If a step requires more than carrying an object.
     """
     return tuple(carried_step(scene.info.objects, i, name) for i, name in enumerate(scene.subgoal_names))
 
 
 def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> CarriedStep:
-    """Return the step of a goal relation ("in(milk_1, basket_1_contain_region)").
+    """Return the carrying step that establishes a relation in the goal, such as "in(milk_1, basket_1_contain_region)".
 
     Raises:
-        InvalidInputError: If the relation cannot be reached by carrying an object.
+        InvalidInputError: If the relation cannot be established by carrying an object.
     """
     relation, _, rest = name.removesuffix(")").partition("(")
     about = rest.split(", ")
     known = {o.name: o for o in objects}
     target = next((n for n in known if len(about) == 2 and (about[1] == n or about[1].startswith(f"{n}_"))), None)
     if relation not in CARRIED or target is None or about[0] not in known or known[about[0]].fixed:
-        raise InvalidInputError("policy", f"the policy has no skill for {name}", "Choose pick-and-place tasks")
+        raise InvalidInputError(
+            "policy",
+            f"the policy has no skill for {name}",
+            "Choose a task that requires only picking and placing objects",
+        )
     return CarriedStep(number, relation, about[0], target)
 
 
 def standing_in(state: WorldState, slot: str) -> str | None:
-    """Return the movable object in a slot, or None."""
+    """Return the name of the movable object in a slot, or None if the slot is empty."""
     place = state.info.slot(slot).position
     near = [
         (horizontal_distance(state.pose(o.name).position, place), o.name) for o in state.info.objects if not o.fixed
@@ -276,7 +293,7 @@ def standing_in(state: WorldState, slot: str) -> str | None:
 
 
 def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
-    """Return the tool pose of a grasp from above, across the narrow side of an object or at its rim."""
+    """Return the tool pose for grasping an object from above, across its narrow side or at its rim."""
     pose = state.pose(thing.name)
     depth, width, height = thing.size_m
     x, y, z = pose.position
@@ -305,14 +322,17 @@ def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
 
 
 def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
-    """Return whether the hand, with fingers along the world's y axis, would hit the bounding box of an object."""
+    """Return whether the hand of the robot would hit the bounding box of an object.
+
+    The fingers close along the world's y axis.
+    """
     pose = state.pose(other.name)
     if _top(state, other) < grasp.position[2] + HAND_ABOVE_M:
         return False
     across, along = (rotate(pose.quaternion, axis)[:2] for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     (dx, dy), (width, length) = HAND_HALF_M, other.size_m[:2]
     x, y = grasp.position[0] - pose.position[0], grasp.position[1] - pose.position[1]
-    # Separating axis test: two rectangles are disjoint if the line along a side of one rectangle separates them.
+    # Separating axis test: two rectangles are disjoint if a line along a side of one of them separates them.
     return all(
         abs(x * a + y * b)
         <= dx * abs(a) + dy * abs(b) + 0.5 * width * abs(_dot(across, (a, b))) + 0.5 * length * abs(_dot(along, (a, b)))
@@ -325,12 +345,15 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return a step's target position for the center of the object's bottom [m]."""
+    """Return the position to which a step brings the center of the object's bottom face [m]."""
     return _place_at(state, step, state.pose(step.target).position)
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the target position of a step for a target at ``there`` [m]. For a container, it is above the rim."""
+    """Return the position to which a step brings an object [m], assuming that the target is at ``there`` [m].
+
+    If the target is a container, the position is above its rim.
+    """
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)
@@ -338,7 +361,10 @@ def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
 
 
 def _turned(yaw: float) -> float:
-    """Return the rotation of the fingers from home to a heading, from -90 to 90 degrees [rad]."""
+    """Return how far the fingers must rotate from the home pose to a direction [rad].
+
+    The angle is within ±90 degrees.
+    """
     return (yaw - HOME_YAW + 0.5 * math.pi) % math.pi - 0.5 * math.pi
 
 
@@ -359,9 +385,9 @@ def _still(state: WorldState, gripper: float) -> np.ndarray:
 
 
 def _move(state: WorldState, goal: Pose, gripper: float, *, limit: int, speed: float = 1.0) -> Motion:
-    """Move until the tool is near a pose or stops, for at most ``limit`` control steps.
+    """Move until the tool is near a pose or has stopped moving, for at most ``limit`` control steps.
 
-    ``speed`` is a fraction of the maximum.
+    ``speed`` is given as a fraction of the maximum speed.
     """
     way = [state.ee_pose.position]
     for _ in range(limit):

@@ -1,4 +1,4 @@
-"""Motion of the tool center point along straight segments with bounded speed and acceleration."""
+"""Motion of the tool center point along straight segments, with limited speed and acceleration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from betterbench.geometry import Pose, angle_between, distance, straight_way, to
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
-"""Generator of a motion: it yields actions, receives the state after each action, and returns the last state."""
+"""Generator that performs a motion: it yields actions, receives the state after each action, and returns the last
+state.
+"""
 
 OPEN, CLOSE = -1.0, 1.0
 TRANSLATION_PER_UNIT_M = 0.05
@@ -24,10 +26,10 @@ class Pace:
     """Limits on the speed and acceleration of a motion.
 
     Attributes:
-        speed: Largest speed of the tool center point [m/s].
-        corner_speed: Speed at the corners between segments [m/s].
-        acceleration: Largest acceleration [m/s^2].
-        turning: Largest turning speed [rad/s].
+        speed: Maximum speed of the tool center point [m/s].
+        corner_speed: Speed at the corners between two segments [m/s].
+        acceleration: Maximum acceleration [m/s^2].
+        turning: Maximum angular speed [rad/s].
     """
 
     speed: float
@@ -37,13 +39,13 @@ class Pace:
 
 
 FREE = Pace(0.50, 0.15, 1.6, 1.8)
-"""Pace of an empty gripper."""
+"""Limits for a motion with an empty gripper."""
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
-"""Pace with an object in the gripper, at which an object held with 40 N slips by less than 1 mm."""
+"""Limits for a motion with an object in the gripper. An object held with 40 N then slips by less than 1 mm."""
 RAILS = Pace(0.14, 0.05, 0.4)
-"""Pace for moving a drawer, slow enough to keep its contents from sliding."""
+"""Limits for moving a drawer. The motion is slow, so that objects in the drawer do not slide."""
 APPROACH = Pace(0.16, 0.05, 0.6)
-"""Pace of the last part of a motion before contact."""
+"""Limits for the last part of a motion, before contact."""
 
 
 def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
@@ -51,11 +53,11 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
     Args:
         now: Commanded pose before the action.
-        wanted: Commanded pose after it.
+        wanted: Commanded pose after the action.
         gripper: Gripper command in [-1, 1].
 
     Returns:
-        (7,) action, clipped to [-1, 1].
+        Action (7,), clipped to [-1, 1].
     """
     rx, ry, rz = to_axis_angle(turn_between(now.quaternion, wanted.quaternion))
     (x, y, z), (px, py, pz) = wanted.position, now.position
@@ -65,25 +67,28 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:
-    """Return a segment's length [m] at a pace: the translation, or the rotation as an equivalent length."""
+    """Return the length of a motion segment [m].
+
+    For a rotation, the length is the distance that the tool could travel in the same time.
+    """
     return max(distance(a.position, b.position), angle_between(a.quaternion, b.quaternion) * pace.speed / pace.turning)
 
 
 def follow(
     state: WorldState, waypoints: Sequence[Pose], *, gripper: float, pace: Pace, period_s: float, settle: int = 14
 ) -> Motion:
-    """Move along straight segments and wait until the arm has arrived.
+    """Move along straight segments, and wait until the arm has arrived.
 
     Args:
         state: Current state.
-        waypoints: Poses on the path. The motion stops at the last one.
+        waypoints: Poses that the path connects. The motion stops at the last pose.
         gripper: Gripper command during the motion.
-        pace: Speed limits of the motion.
+        pace: Limits on speed and acceleration.
         period_s: Control period [s].
-        settle: Maximum control steps to wait for the arm at the end.
+        settle: Maximum number of control steps to wait for the arm at the end.
 
     Returns:
-        The state after the last action.
+        State after the last action.
     """
     speed = 0.0
     for i, goal in enumerate(waypoints):
@@ -106,18 +111,18 @@ def follow(
 
 
 def hold(state: WorldState, steps: int, *, gripper: float) -> Motion:
-    """Keep the commanded pose for some control steps."""
+    """Keep the commanded pose for a number of control steps."""
     for _ in range(steps):
         state = yield delta_action(state.commanded_pose, state.commanded_pose, gripper)
     return state
 
 
 def close_gripper(state: WorldState, *, steps: int = 24) -> Motion:
-    """Close the gripper until the fingers have stopped.
+    """Close the gripper until the fingers have stopped moving.
 
     Args:
         state: Current state.
-        steps: Maximum control steps to wait.
+        steps: Maximum number of control steps to wait.
     """
     still = 0
     for _ in range(steps):
@@ -130,12 +135,12 @@ def close_gripper(state: WorldState, *, steps: int = 24) -> Motion:
 
 
 def release_to(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
-    """Open the gripper to ``width_m`` and keep it there while the object comes to rest.
+    """Open the gripper to ``width_m`` and keep it there while the released object comes to rest.
 
     Args:
         state: Current state.
         width_m: Opening width at which to stop [m].
-        steps: Maximum control steps to wait.
+        steps: Maximum number of control steps to wait.
     """
     state = yield from open_gripper(state, width_m=width_m, steps=steps)
     for _ in range(3):
@@ -144,12 +149,12 @@ def release_to(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
 
 
 def open_gripper(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
-    """Open the gripper until its fingers are ``width_m`` apart.
+    """Open the gripper until the fingers are ``width_m`` apart.
 
     Args:
         state: Current state.
-        width_m: Opening width to wait for [m].
-        steps: Maximum control steps to wait.
+        width_m: Opening width that must be reached [m].
+        steps: Maximum number of control steps to wait.
     """
     for _ in range(steps):
         if state.finger_width_m >= width_m:

@@ -1,4 +1,4 @@
-"""Collision-free grasps, paths and placements for the privileged policies."""
+"""Planner of collision-free grasps, paths and placements for the privileged policies."""
 
 from __future__ import annotations
 
@@ -32,20 +32,29 @@ from betterbench.tasks.relations import PlaceGoal
 from betterbench.tasks.relations.inside import inside
 
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Tool rotation that points straight down with the fingers opening along -y."""
+"""Tool rotation in which the tool points straight down and the fingers open along -y."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
-"""Allowed position and angle error of a checked configuration. Clearances are larger."""
+"""Position error [m] and angle error [rad] that are tolerated in a configuration that is checked for collisions.
+
+The clearances used in the check are larger.
+"""
 MAX_JOINT_STEP_RAD = 0.6
-"""Maximum joint motion between two checked configurations. A larger motion implies a different arm posture."""
+"""Largest joint motion between two checked configurations [rad].
+
+A larger motion means that the arm would have to change its posture.
+"""
 COMFORT_RAD = 0.3
-"""Preferred distance from joint limits [rad], because a wrist at its limit cannot rotate further."""
+"""Distance that is preferred between a joint and its limits [rad], because a wrist at its limit cannot rotate further.
+"""
 RISES_M = (0.0, 0.002, 0.004)
-"""Heights above a goal from which to release an object [m], the lowest possible one. They are for an arm that tilts its
-tool: an edge of the tilted object is below the goal."""
+"""Heights above the goal from which an object may be released [m], of which the lowest possible one is used.
+
+They are needed for an arm that tilts its tool, since an edge of a tilted object extends below the goal.
+"""
 SLIDE_WIDTH_M = 0.05
-"""Gripper opening around a knob in the collision check along the rails [m]."""
+"""Gripper opening around the knob of a drawer, used in the collision check of the motion along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason for rejecting a path that would require a different arm posture."""
+"""Reason why a path is rejected that would require the arm to change its posture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +62,12 @@ class PickPlan:
     """Collision-free path to pick up an object.
 
     Attributes:
-        object: Object name.
-        way: Poses of the tool center point on the path. The last one is above the grasp.
+        object: Name of the object.
+        way: Poses of the tool center point on the path. The last pose is above the grasp.
         grasp: Pose ``T_world_tcp`` at the end of the straight approach.
-        close: Pose at which the gripper closes. This is ``grasp``, or for a gripper with a fixed finger the pose beside
-            it at which this finger touches the object.
-        width_m: Opening width on the way down [m].
+        close: Pose at which the gripper closes. For a gripper with a fixed finger, it is the pose beside ``grasp`` at
+            which this finger touches the object. For all other grippers, it is equal to ``grasp``.
+        width_m: Opening width during the approach [m].
     """
 
     object: str
@@ -75,7 +84,7 @@ class PlacePlan:
     Attributes:
         way: Poses of the tool center point on the path.
         release: Pose ``T_world_tcp`` at which the gripper opens.
-        retreat: Pose after the release.
+        retreat: Pose to which the gripper moves after the release.
         release_width_m: Opening width at the release [m].
     """
 
@@ -91,7 +100,7 @@ class SlidePlan:
 
     Attributes:
         pick: Path to the knob.
-        end: Final pose ``T_world_tcp`` with the knob in the gripper.
+        end: Pose ``T_world_tcp`` at the end of the motion, with the knob in the gripper.
     """
 
     pick: PickPlan
@@ -102,10 +111,10 @@ _Plan = TypeVar("_Plan", PickPlan, PlacePlan)
 
 
 class Planner:
-    """Planner of grasps and collision-free paths in one scene."""
+    """Planner of grasps and collision-free paths for one scene."""
 
     def __init__(self, scene: Scene) -> None:
-        """Make a private copy of the scene."""
+        """Store the scene. Collisions are checked in a private copy of it."""
         self._scene = scene
         self._clearance = Clearance(scene)
         self._ik = scene.controller.ik
@@ -114,9 +123,10 @@ class Planner:
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
 
     def _apart_first(self, plan: Callable[[], _Plan]) -> _Plan:
-        """Return a plan that keeps parts of a folded arm apart, or else one in which they may touch.
+        """Make a plan in which certain parts of the folded arm do not touch each other.
 
-        Contact between these parts can stop the arm while it lifts, but often does not.
+        If none is found, allow contact. Contact between these parts can stop the arm while it lifts an object, but
+        often does not.
         """
         if self._robot.kept_apart:
             self._clearance.keeps_apart = True
@@ -135,7 +145,7 @@ class Planner:
 
     @property
     def workspace(self) -> Workspace:
-        """Distances of the robot's motions."""
+        """Characteristic distances of the robot's motions, such as the height to which objects are lifted."""
         return self._robot.workspace
 
     def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
@@ -143,8 +153,9 @@ class Planner:
 
         Args:
             state: Current state.
-            name: Object name.
-            cost: Value added to the gripper rotation [rad] when ordering grasps of equal preference.
+            name: Name of the object.
+            cost: Function that returns an additional cost of a grasp pose [rad]. Grasps of equal preference are ordered
+                by the rotation of the gripper [rad] plus this cost.
 
         Raises:
             PlanningError: If no grasp can be reached without a collision.
@@ -191,11 +202,11 @@ class Planner:
 
         Args:
             state: Current state.
-            name: Drawer name.
-            travel_m: Distance to move the drawer [m]. Positive distances open it.
+            name: Name of the drawer.
+            travel_m: Distance by which the drawer is moved [m]. A positive distance opens it.
 
         Raises:
-            PlanningError: If its knob cannot be grasped, or the path along the rails is not free.
+            PlanningError: If the knob cannot be grasped, or the path along the rails is not free.
         """
         pick = self.plan_pick(state, name)
         dx, dy, dz = rotate(state.pose(name).quaternion, (travel_m, 0.0, 0.0))
@@ -203,7 +214,7 @@ class Planner:
         joints = self._reach(state.joint_positions, pick.grasp)
         if joints is None:
             raise PlanningError(f"the knob of {name} is out of reach")
-        # objects in the drawer move with the drawer
+        # Objects in the drawer move with it, so they are not obstacles.
         along = frozenset({name}) | {o.name for o in state.info.objects if not o.fixed and inside(state, o.name, name)}
         blocked, _ = self.check_way(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
         if blocked is not None:
@@ -211,7 +222,7 @@ class Planner:
         return SlidePlan(pick, end)
 
     def travel_m(self, name: str) -> float:
-        """Return the distance between the two stops of a drawer [m]."""
+        """Return the distance between the open and the closed position of a drawer [m]."""
         return float(self._assets[name].parameters["travel_m"])
 
     def plan_place(self, state: WorldState, name: str, goals: Sequence[PlaceGoal]) -> PlacePlan:
@@ -219,11 +230,11 @@ class Planner:
 
         Args:
             state: Current state, with the object in the gripper.
-            name: Object name.
-            goals: Final poses with their approaches, starting with the best.
+            name: Name of the object.
+            goals: Possible final poses with their approaches, in order of preference.
 
         Raises:
-            PlanningError: If none of them can be reached without a collision.
+            PlanningError: If none of the poses can be reached without a collision.
         """
         return self._apart_first(lambda: self._plan_place(state, name, goals))
 
@@ -277,7 +288,7 @@ class Planner:
         raise PlanningError(f"no free placement for {name}: {', '.join(sorted(set(reasons))) or 'no goal given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
-        """Return a free path to a pose with an empty, open gripper, or None."""
+        """Return a collision-free path to a pose for the empty, open gripper. Return None if no path is found."""
         self._clearance.load(state)
         found = self._transit(state, goal, self._opening)
         return None if found is None else found[0]
@@ -291,14 +302,16 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a free path up, across and down to a pose and its last joint angles [rad], or None without a path.
+        """Return a collision-free path to a pose, and the joint angles at its end [rad]. Return None if none is found.
+
+        The path leads up, then across, then down to the pose.
 
         Args:
             state: Current state.
             goal: Pose ``T_world_tcp`` to reach.
-            width_m: Opening width on the path [m].
-            held: Object in the gripper, or None.
-            T_tcp_object: Pose of the held object in the gripper.
+            width_m: Opening width of the gripper on the path [m].
+            held: Name of the object in the gripper, or None.
+            T_tcp_object: Pose of the held object relative to the tool center point.
         """
         self._clearance.load(state)
         return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
@@ -312,14 +325,17 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> list[float] | None:
-        """Return the joint angles at the end of a given path [rad], or None if it collides or is out of reach.
+        """Check whether a path is free.
+
+        Return the joint angles at its end [rad], or None if it collides or is out of reach.
 
         Args:
             state: Current state.
-            way: Poses ``T_world_tcp``, the first one equal to the current goal of the arm.
-            width_m: Opening width on the path [m].
-            held: Object in the gripper, or None.
-            T_tcp_object: Pose of the held object in the gripper.
+            way: Poses ``T_world_tcp`` on the path. The first one must be the pose that the arm is currently commanded
+                to hold.
+            width_m: Opening width of the gripper on the path [m].
+            held: Name of the object in the gripper, or None.
+            T_tcp_object: Pose of the held object relative to the tool center point.
         """
         self._clearance.load(state)
         blocked, joints = self.check_way(
@@ -328,13 +344,16 @@ class Planner:
         return joints if blocked is None else None
 
     def asset(self, name: str) -> Asset:
-        """Return the asset of a scene object."""
+        """Return the asset of an object in the scene."""
         return self._assets[name]
 
     def _grasps(
         self, state: WorldState, name: str, cost: Callable[[Pose], float] | None
     ) -> Iterator[tuple[Pose, float]]:
-        """Yield grasp poses in the world frame, ordered by preference and then by rotation."""
+        """Yield grasp poses in the world frame and their opening widths.
+
+        They are ordered by preference and then by the rotation that they require.
+        """
         pose = state.pose(name)
         found: list[tuple[float, Pose, float]] = []
         for grasp in self._assets[name].grasps:
@@ -352,7 +371,7 @@ class Planner:
             yield T_world_tcp, width
 
     def _lying_grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
-        """Yield grasps from above for an object that has fallen over, across its narrow horizontal directions."""
+        """Yield grasps from above, across the narrow horizontal directions of an object that has fallen over."""
         info = state.info.object(name)
         pose = state.pose(name)
         center = pose.apply((0.0, 0.0, 0.5 * info.size_m[2]))
@@ -371,12 +390,18 @@ class Planner:
                 yield self._before_closing(Pose((center[0], center[1], height), down), width), width
 
     def _before_closing(self, T_world_object: Pose, width_m: float) -> Pose:
-        """Return the tool pose before closing, at which the object's center is midway between the jaws."""
+        """Return the tool pose just before the gripper closes.
+
+        At this pose, the center of the object is midway between the jaws.
+        """
         offset = self._robot.jaw.object_offset_m(width_m)
         return T_world_object if offset == 0.0 else T_world_object @ Pose((0.0, -offset, 0.0))
 
     def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
-        """Return joint angles that reach a pose at least ``margin`` [rad] from the joint limits, or None."""
+        """Return joint angles with which the tool reaches a pose, or None if there are none.
+
+        The joints keep at least ``margin`` [rad] from their limits.
+        """
         result = self._ik.reach(np.asarray(start, dtype=float), pose)
         if not result.converged:
             return None
@@ -384,7 +409,10 @@ class Planner:
         return result.q if free >= margin else None
 
     def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
-        """Return the tool pose at joint angles found for a wanted pose. Some arms cannot reach its exact rotation."""
+        """Return the tool pose at joint angles that were computed for a desired pose.
+
+        For an arm that cannot reach every rotation exactly, this pose differs from the desired one.
+        """
         return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
     def _transit(
@@ -396,7 +424,10 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a path up, across and down to ``goal`` without collisions, and the joints at its end, or None."""
+        """Return a collision-free path to ``goal``, and the joint angles at its end. Return None if no path is found.
+
+        The path leads up, then across, then down to ``goal``.
+        """
         start = state.commanded_pose
         joints = state.joint_positions
         workspace = self._robot.workspace
@@ -426,24 +457,25 @@ class Planner:
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
     ) -> tuple[str | None, list[float]]:
-        """Follow a path in joint space in the state of the last plan, and return the first obstacle on it.
+        """Check a path for collisions by solving the joint angles along it.
 
-        As in the controller, each configuration starts from the previous one, so a path that reaches a joint limit or
-        needs another elbow posture is not free.
+        The obstacles are where they were when the last plan was begun. As in the controller, the joint angles for each
+        pose are solved starting from those of the previous pose. A path that reaches a joint limit, or along which the
+        elbow would have to change its posture, therefore counts as blocked.
 
         Args:
-            joints: (n,) joint angles at its beginning [rad].
+            joints: Joint angles (n,) at the beginning of the path [rad].
             way: Poses of the tool center point.
-            width: Opening width [m].
-            held: Object in the gripper, or None.
-            T_tcp_object: Pose of the held object in the gripper.
-            ignore: Objects that the robot may touch.
-            lenient_start: Whether to ignore contacts at the beginning of the path, which is the current pose.
+            width: Opening width of the gripper [m].
+            held: Name of the object in the gripper, or None.
+            T_tcp_object: Pose of the held object relative to the tool center point.
+            ignore: Names of objects that the robot may touch.
+            lenient_start: Whether contacts at the beginning of the path, i.e. at the current pose, are ignored.
 
         Returns:
-            The obstacle, or None if the path is free, and the joint angles where the check ended.
+            Reason why the path is blocked, or None if it is free, and the joint angles at which the check ended.
         """
-        # plain Python loops take half the time of NumPy arrays of seven elements
+        # Plain Python loops take half the time that NumPy needs for arrays of seven elements.
         traveled, now = 0.0, [float(angle) for angle in joints]
         before = now
         for start, end in itertools.pairwise(way):
@@ -453,7 +485,7 @@ class Planner:
             between = straight_way(start, end)
             for i in range(1, steps + 1):
                 pose = between(i / steps)
-                # Extrapolate the last joint motion.
+                # Start the solution from joint angles that extrapolate the last joint motion.
                 ahead = now if i == 1 else [2.0 * here - was for here, was in zip(now, before, strict=True)]
                 found = self._ik.follow(
                     ahead, pose, position_tolerance_m=CHECK_POSITION_M, rotation_tolerance_rad=CHECK_ROTATION_RAD
@@ -470,7 +502,10 @@ class Planner:
 
 
 def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
-    """Yield the equivalent poses of an annotated grasp, rotated about the object's axis and with swapped fingers."""
+    """Yield the poses that are equivalent to an annotated grasp.
+
+    They are rotated about the object's axis of symmetry or have the two fingers swapped.
+    """
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
     for turn in turns:
@@ -481,6 +516,9 @@ def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
 
 
 def _approach(T_world_tcp: Pose) -> float:
-    """Return the vertical component of the approach direction (-1 for straight down)."""
+    """Return the vertical component of the direction in which the tool points.
+
+    It is -1 if the tool points straight down.
+    """
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)

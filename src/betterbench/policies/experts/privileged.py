@@ -1,4 +1,4 @@
-"""Privileged policies: a decision rule combined with motor skills."""
+"""Privileged policies, each consisting of a decision rule and motor skills."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from betterbench.tasks.demonstrated import Releases, demonstrated_if_measured
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 MAX_DECISIONS = 12
-"""Maximum number of decisions before a policy gives up: twice the longest chain in the suite."""
+"""Number of decisions after which a policy gives up. It is twice the length of the longest task in the suite."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy: motion errors in the execution of decisions.
+    """Errors that a policy makes when it executes its decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.
-        action_noise_m: Standard deviation of the noise on each control step's translation [m].
-        speed: Fraction of the usual speed.
+        action_noise_m: Standard deviation of the noise added to the translation of each control step [m].
+        speed: Speed of motions, as a fraction of the normal speed.
         crash_step: Control step at which the policy raises an error, or None.
     """
 
@@ -45,10 +45,10 @@ class ExecutionNoise:
 
 
 class _DecisionLoop:
-    """Loop that turns the decisions of a rule into actions.
+    """Loop that converts the decisions of a rule to actions.
 
-    Neither the loop nor its generator refers to the agent, because a reference cycle would keep the scene in memory
-    until garbage collection.
+    Neither the loop nor the generator that it runs refers to the agent, because such a reference cycle would keep the
+    scene in memory until the next garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -66,7 +66,10 @@ class _DecisionLoop:
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
 
     def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield an episode's actions, starting from the given state. Each next state is sent to the generator."""
+        """Yield the actions of an episode that begins in the given state.
+
+        After each action, the caller sends the next state to the generator.
+        """
         home = state.ee_pose
         history: tuple[Decision, ...] = ()
         while len(history) < MAX_DECISIONS:
@@ -104,16 +107,19 @@ class _DecisionLoop:
 
 
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return the demonstrated release points at a scene's targets, by target, relation and region.
+    """Return a function that looks up the release points of demonstrations by target, relation and region.
 
-    In trials, the expert uses these points to show that trained motions solve the trial. For demonstrations, the result
-    is always None.
+    In trials, the expert uses these points. Its success then shows that motions from training can solve the trial.
+    While demonstrations are being made, the function always returns None.
     """
     return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
 
 
 def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return the measured release points of demonstrations at a scene's targets, for any seed."""
+    """Return a function that looks up release points, measured in demonstrations, at the targets in a scene.
+
+    It works for any seed.
+    """
     condition = scene.condition
     known = demonstrated_if_measured(scene.task, engine=engine_version())
     grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
@@ -126,7 +132,10 @@ def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
 
 class PrivilegedAgent:
-    """Privileged policy with one rule in one episode, with the same action space and limits as any policy."""
+    """Privileged policy for one episode, which consists of a decision rule and motor skills.
+
+    Its actions are subject to the same limits as those of any other policy.
+    """
 
     def __init__(
         self,
@@ -137,14 +146,14 @@ class PrivilegedAgent:
         noise: ExecutionNoise | None = None,
         skills: Skills | None = None,
     ) -> None:
-        """Make the policy for one episode.
+        """Create the policy for one episode.
 
         Args:
-            name: Policy address.
-            scene: The episode's scene.
+            name: Address of the policy.
+            scene: Scene of the episode.
             rule: Decision rule.
-            noise: Execution noise of the decisions. If not given, there is no noise.
-            skills: Motor skills. By default, the expert's skills.
+            noise: Errors in the execution of decisions. By default, there are no errors.
+            skills: Motor skills. By default, the motor skills of the expert.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()
@@ -155,16 +164,17 @@ class PrivilegedAgent:
 
     @property
     def name(self) -> str:
-        """Policy address."""
+        """Address of the policy."""
         return self._name
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """Ground truth about the policy's episode, stored in the run journal but not in records.
+        """Ground truth about the episode, which is stored in the run journal but not in records.
 
-        ``truth`` is the outcome label of the first wrong decision (``fault``), or empty if all decisions were right.
-        ``mishap`` describes a right decision that the gripper could not execute. A witness adds ``same``, the names of
-        the rules that made the same decisions, separated by spaces.
+        The entry ``fault`` describes the first wrong decision, and ``truth`` is the outcome label that this decision
+        implies. Both are empty if all decisions were right. ``mishap`` describes a right decision that the gripper
+        could not execute. A witness (an expert that compares itself with other rules) adds ``same``, which contains the
+        names of the rules that made the same decisions, separated by spaces.
         """
         rule = self._loop.rule
         fault = rule.fault
@@ -177,12 +187,12 @@ class PrivilegedAgent:
         }
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the scene's action space, shape (dim,).
+        """Return the next action (dim,) in the scene's action space.
 
-        Motions are planned in ``ee_delta``. A scene with absolute joint angles gets the same motion in its own space.
+        Motions are planned in the action space ``ee_delta``. They are converted if the scene uses another action space.
 
         Raises:
-            RuntimeError: At the control step of a planned crash.
+            RuntimeError: At the control step at which the policy is supposed to crash.
         """
         if self._execution.crash_step is not None and state.step >= self._execution.crash_step:
             raise RuntimeError("this faulty policy raises an error on purpose")
@@ -197,18 +207,18 @@ class PrivilegedAgent:
         return self._controller.own_action(action)
 
     def close(self) -> None:
-        """Release the episode, to free its scene (about 25 MB) with the last reference."""
+        """End the episode, so that the scene (about 25 MB) is freed as soon as nothing else refers to it."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
 
 
 def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
-    """Return a privileged policy for one episode.
+    """Create a privileged policy for one episode.
 
     Args:
-        address: Its address.
-        scene: The episode's scene.
+        address: Address of the policy.
+        scene: Scene of the episode.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -226,7 +236,7 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
 
 
 def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
-    """Return the execution noise of a rule."""
+    """Return the execution errors that a decision rule prescribes."""
     slow = isinstance(rule, Slow) and rule.applies
     return ExecutionNoise(
         grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,

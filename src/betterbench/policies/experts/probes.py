@@ -1,9 +1,10 @@
-"""Open-loop probes. They replay the motion of a demonstration and ignore observations.
+"""Open-loop probes: policies that replay the motion of a demonstration and ignore all observations.
 
-If they can solve trials, the benchmark measures memorization. ``probe:replay`` replays a demonstration of the twin's
-condition, usually the same instruction in the same layout. ``probe:no-images`` replays a demonstration of the trained
-instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in the training data of a policy.
-The probes miss objects at other positions.
+If such a policy could solve trials, the benchmark would measure memorization. ``probe:replay`` replays a demonstration
+of the training twin (the training trial with the same seed), which usually has the same instruction in the same layout.
+``probe:no-images`` replays a demonstration of the training condition whose instruction is closest to that of the trial.
+Like the training data of a policy, both use demonstration seeds and never test seeds. The probes miss objects whose
+positions differ from those in the demonstration.
 """
 
 from __future__ import annotations
@@ -22,35 +23,35 @@ from betterbench.tasks import Condition, GoalTracker, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 _KEPT = 256
-"""Number of cached demonstrations. Several variations of a task have the same twin."""
+"""Number of demonstrations that are cached. Several variations of a task share the same training twin."""
 
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str, str], np.ndarray] = OrderedDict()
 
 OTHER_DEMONSTRATIONS = 500_000
-"""Seed offset for another demonstration of the same trial."""
+"""Offset that is added to a seed to get another demonstration of the same trial."""
 
 
 class OpenLoop:
-    """Open-loop policy that executes given actions in order and then does not move."""
+    """Open-loop policy that executes given actions in order and then stops moving."""
 
     def __init__(self, name: str, actions: np.ndarray, scene: Scene) -> None:
-        """Make the policy for one episode.
+        """Create the policy for one episode.
 
         Args:
-            name: Policy address.
-            actions: (T, dim) actions to execute, in the scene's action space.
-            scene: The episode's scene.
+            name: Address of the policy.
+            actions: Actions to execute (T, dim), in the scene's action space.
+            scene: Scene of the episode.
         """
         self._name, self._actions, self._controller = name, actions, scene.controller
         self.ground_truth = {"truth": "", "fault": "", "mishap": ""}
 
     @property
     def name(self) -> str:
-        """Policy address."""
+        """Address of the policy."""
         return self._name
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the scene's action space, shape (dim,)."""
+        """Return the next action (dim,) in the scene's action space."""
         if state.step < len(self._actions):
             return np.array(self._actions[state.step])
         if len(self._actions) and self._controller.action_space.neutral is None:
@@ -61,12 +62,12 @@ class OpenLoop:
 
 
 def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPolicy]) -> OpenLoop:
-    """Return an open-loop probe for one episode.
+    """Create an open-loop probe for one episode.
 
     Args:
         name: "probe:replay" or "probe:no-images".
-        scene: The episode's scene.
-        play: Factory of the policy whose motion is replayed, for a scene.
+        scene: Scene of the episode.
+        play: Function that creates the policy for a scene. The motion of this policy is recorded and replayed.
     """
     condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
     return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play), scene)
@@ -78,13 +79,19 @@ def demonstration_seed(name: str, seed: int) -> int:
 
 
 def twin_of(scene: Scene) -> Condition:
-    """Return the condition of a scene's training twin, or the scene's own condition if it is a training condition."""
+    """Return the training condition from which the condition of a scene was derived.
+
+    If the condition is itself a training condition, it is returned unchanged.
+    """
     names = {v.name: v.base for v in scene.task.variations}
     return scene.task.train(names.get(scene.condition.name, scene.condition.name))
 
 
 def by_sentence(scene: Scene) -> Condition:
-    """Return the training condition with the closest instruction. The trial's random stream decides between ties."""
+    """Return the training condition whose instruction is closest to that of the scene.
+
+    If several instructions are equally close, the trial's seed decides.
+    """
     said = scene.condition.instruction.text
     closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]
     best = [c for c, value in zip(scene.task.training, closeness, strict=True) if value >= max(closeness) - 1e-9]
@@ -95,13 +102,13 @@ def by_sentence(scene: Scene) -> Condition:
 def demonstration(
     scene: Scene, condition: Condition, seed: int, play: Callable[[Scene], PrivilegedPolicy]
 ) -> np.ndarray:
-    """Return the (T, dim) actions with which a policy solves a training condition.
+    """Return the actions (T, dim) with which a policy solves a training condition.
 
     Args:
-        scene: A scene of the task, with the action space and quality to use.
-        condition: The training condition.
-        seed: Demonstration seed.
-        play: Factory of the policy for a scene.
+        scene: Scene of the task whose action space, rendering quality and robot are used.
+        condition: Training condition.
+        seed: Seed of the demonstration.
+        play: Function that creates the policy for a scene.
     """
     arm, space = scene.compiled.robot.name, scene.action_space
     key = (scene.task.id, condition.name, seed, arm, space.name, scene.quality.name, scene.looks)

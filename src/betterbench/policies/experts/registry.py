@@ -1,4 +1,4 @@
-"""Privileged policies by address, with their decision rules."""
+"""Registry of the privileged policies and their decision rules, by address."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class ExpertEntry:
     """Entry of a privileged policy in the registry.
 
     Attributes:
-        address: Policy address.
-        summary: Behavior in one sentence.
-        rule: Constructor of the decision rule from the trial and the rule's strength.
+        address: Address of the policy.
+        summary: Description of the policy's behavior in one sentence.
+        rule: Function that creates the decision rule, given the trial and the strength of the fault.
     """
 
     address: str
@@ -87,12 +87,12 @@ def witnessed() -> tuple[str, ...]:
 
 
 def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
-    """Return the addresses of all privileged policies, or of those with a given address form."""
+    """Return the addresses of all privileged policies, or of those with a given address format."""
     return tuple(name for name in (*EXPERTS, *REPLAYS) if form is None or form.has(name))
 
 
 def parse_address(address: str) -> Address:
-    """Return the parsed address of a privileged policy.
+    """Parse the address of a privileged policy.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.

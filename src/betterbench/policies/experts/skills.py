@@ -1,4 +1,4 @@
-"""Motor skills (reach, grasp, place), and their combinations that detect and repeat failed attempts."""
+"""Motor skills (reach, grasp, place). Combined skills notice a failed attempt and repeat it."""
 
 from __future__ import annotations
 
@@ -35,15 +35,19 @@ from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.placing import foot_offset
 
 SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
-"""Generator of a skill: it yields actions, receives states, and returns the last state and whether it succeeded."""
+"""Generator that performs a skill: it yields actions, receives states, and returns the last state and whether the skill
+succeeded.
+"""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal counts as trained. The rest is a margin for position errors
-of the arm."""
+"""Fraction of the certificate's tolerances within which a goal pose counts as known from training.
+
+The rest is a margin for position errors of the arm.
+"""
 PRESS_M = 0.004
-"""Distance beyond the stop to which a drawer is pushed, to overcome friction when closing [m]."""
+"""Distance by which a closing drawer is pushed beyond its stop, to overcome friction [m]."""
 KNOB_RELEASE_M = 0.016
-"""Gripper opening beyond the width of a drawer's knob when releasing the knob [m]."""
+"""Distance by which the gripper is opened beyond the width of a drawer's knob to release it [m]."""
 
 
 @dataclass
@@ -53,12 +57,14 @@ class Skills:
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
-        choice: Returns the trial's random stream for a purpose. It chooses between equally good goals.
-        trained: Returns the release points of demonstrations at a target, by relation and region, or None if unknown.
+        choice: Function that returns the trial's random stream for a given purpose. It is used to choose between
+            equally good goals.
+        trained: Function that returns the release points in demonstrations, given a target, a relation and a region. It
+            returns None if they are unknown.
         attempts: Number of times that a failed grasp is repeated.
         grasp_offset: Deliberate grasp error, or None.
-        speed: Fraction of the usual speed.
-        obstacle: Reason why the last motion could not be planned. It is empty if planning succeeded.
+        speed: Speed of motions, as a fraction of the normal speed.
+        obstacle: Reason why the last motion could not be planned. Empty if planning succeeded.
     """
 
     planner: Planner
@@ -71,7 +77,7 @@ class Skills:
     obstacle: str = field(default="", init=False)
 
     def paced(self, pace: Pace) -> Pace:
-        """Return a pace scaled to this policy's speed."""
+        """Scale the speed limits of a motion to this policy's speed."""
         if self.speed == 1.0:
             return pace
         return replace(
@@ -84,29 +90,31 @@ class Skills:
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Return the path to take instead of a planned one. By default, the planned path, for subclasses to override.
+        """Return the path to follow instead of a planned path.
+
+        In this class, it is the planned path itself; subclasses override this method.
 
         Args:
             state: Current state.
             way: Planned poses ``T_world_tcp``.
-            width_m: Opening width on the path [m].
-            held: Object in the gripper, or None.
+            width_m: Opening width of the gripper on the path [m].
+            held: Name of the object in the gripper, or None.
         """
         del state, width_m, held
         return way
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Wait before the next motion. By default, do nothing. Subclasses can override this."""
+        """Wait before the next motion. In this class, the wait takes no time; subclasses override this method."""
         return (yield from hold(state, 0, gripper=gripper))
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move above an object and down to its grasp.
+        """Move above an object, then down to the pose at which it is grasped.
 
         Returns:
-            The last state and the planned grasp pose.
+            Last state and planned grasp pose.
 
         Raises:
-            PlanningError: If no free grasp exists.
+            PlanningError: If there is no collision-free grasp.
         """
         plan = self.planner.plan_pick(state, name)
         grasp = plan.grasp
@@ -119,12 +127,14 @@ class Skills:
         return state, grasp
 
     def close_up(self, state: WorldState, plan: PickPlan, grasp: Pose) -> Motion:
-        """Move from a grasp to the pose at which the gripper closes. A fixed finger then touches the object.
+        """Move from the grasp pose to the pose at which the gripper closes.
+
+        For a gripper with a fixed finger, this finger touches the object at that pose.
 
         Args:
-            state: State at the grasp.
-            plan: Plan of the pick.
-            grasp: The executed grasp, which may differ from the planned one.
+            state: State at the grasp pose.
+            plan: Plan for picking up the object.
+            grasp: Grasp pose that was reached. It may differ from the planned grasp pose.
         """
         if plan.close is plan.grasp:
             return state
@@ -136,12 +146,12 @@ class Skills:
         )
 
     def grasp(self, state: WorldState, name: str) -> SkillRun:
-        """Close the gripper and return whether the object is between the fingers."""
+        """Close the gripper. Return the last state and whether the object is between the fingers."""
         state = yield from close_gripper(state)
         return state, state.touching("left_finger", name) and state.touching("right_finger", name)
 
     def lift(self, state: WorldState, name: str) -> SkillRun:
-        """Lift the gripper straight up and return whether the object was lifted."""
+        """Lift the gripper straight up. Return the last state and whether the object was lifted with it."""
         before = state.pose(name).position[2]
         lift_m = self.planner.workspace.lift_m
         goal = state.commanded_pose.translated(z=lift_m)
@@ -159,10 +169,10 @@ class Skills:
         )
 
     def pick(self, state: WorldState, name: str) -> SkillRun:
-        """Pick an object, and repeat a failed grasp.
+        """Pick up an object. A failed grasp is repeated.
 
         Returns:
-            The last state and whether the object is in the gripper.
+            Last state and whether the object is in the gripper.
         """
         for _ in range(self.attempts):
             try:
@@ -184,10 +194,10 @@ class Skills:
         return state, False
 
     def place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
-        """Carry the held object to its target, put it down, release it and retreat.
+        """Carry the held object to a target, put it down, release it and retreat.
 
         Returns:
-            The last state and whether the object was still in the gripper on arrival.
+            Last state, and whether the object was still in the gripper when the gripper arrived.
         """
         goals = relation_named(relation).place_goals(state, name, target.target, target.region)
         try:
@@ -219,9 +229,10 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order in which to try them. The order of equal goals is random, drawn per object kind.
+        """Return goals in the order in which the policy tries them.
 
-        For a container, goals near the release points of demonstrations come first.
+        Equivalent goals are in random order, which is drawn once per kind of object. If the target is a container,
+        goals near the release points of demonstrations come first.
         """
         draw = self.choice(f"place:{state.info.object(name).kind}")
         ordered: list[PlaceGoal] = []
@@ -244,7 +255,7 @@ class Skills:
         return sorted(ordered, key=is_new)
 
     def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
-        """Bring an object to its target, and start over if the object slips out of the gripper."""
+        """Bring an object to its target. If the object slips out of the gripper, start again."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
             if not held:
@@ -262,11 +273,11 @@ class Skills:
 
         Args:
             state: Current state.
-            name: Drawer name.
-            distance_m: Distance to move the drawer [m]. Positive distances open it.
+            name: Name of the drawer.
+            distance_m: Distance by which the drawer is moved [m]. A positive distance opens it.
 
         Returns:
-            The last state and whether the knob was in the gripper.
+            Last state and whether the knob was in the gripper.
         """
         try:
             plan = self.planner.plan_slide(state, name, distance_m)
@@ -288,16 +299,16 @@ class Skills:
         return state, holds
 
     def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> SkillRun:
-        """Open or close a drawer completely, and repeat if the knob slips out of the gripper.
+        """Open or close a drawer completely. If the knob slips out of the gripper, try again.
 
         Args:
             state: Current state.
-            name: Drawer name.
-            mount: Pose ``T_world_drawer`` of the closed drawer.
-            out: Whether to open it.
+            name: Name of the drawer.
+            mount: Pose ``T_world_drawer`` of the drawer when it is closed.
+            out: Whether to open the drawer. Otherwise, it is closed.
 
         Returns:
-            The last state and whether the drawer is fully open or closed as requested.
+            Last state and whether the drawer is now completely open or closed, as requested.
         """
         travel = self.planner.travel_m(name)
         for _ in range(self.attempts):
@@ -312,7 +323,7 @@ class Skills:
         return state, abs(travel - opening if out else opening) < 0.005
 
     def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
-        """Grasp at an empty position, lift and open again."""
+        """Close the gripper at a position without an object, lift it and open it again."""
         goal = Pose((place[0], place[1], height_m), normalize(multiply(from_yaw(yaw), DOWN)))
         above = goal.translated(z=self.planner.workspace.lift_m)
         way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
@@ -325,7 +336,7 @@ class Skills:
         return (yield from open_gripper(state, width_m=0.07))
 
     def approach_and_stop(self, state: WorldState, name: str) -> Motion:
-        """Start toward an object and stop in mid-air, well away from it."""
+        """Move toward an object, but stop in mid-air well before reaching it."""
         place = state.pose(name).position
         start = state.commanded_pose
         half = tuple(a + 0.4 * (b - a) for a, b in zip(start.position[:2], place[:2], strict=True))
@@ -333,7 +344,10 @@ class Skills:
         return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
 
     def wander(self, state: WorldState) -> Motion:
-        """Move back and forth in mid-air without end. The amplitude is proportional to the arm's reach."""
+        """Move back and forth in mid-air forever.
+
+        The size of the movement is proportional to the reach of the arm.
+        """
         start = state.commanded_pose
         scale = self.planner.reach_m / SWING_REACH_M
         while True:
@@ -343,7 +357,7 @@ class Skills:
                 state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
 
     def go_home(self, state: WorldState, home: Pose) -> Motion:
-        """Return to the start of the episode, unless the arm is already close to it."""
+        """Return to the pose at the start of the episode, unless the arm is already close to it."""
         if distance(state.commanded_pose.position, home.position) < 0.01:
             return state
         way = self.planner.transit(state, home) or (home,)
@@ -351,19 +365,21 @@ class Skills:
 
 
 SWING_REACH_M = 0.855
-"""Reach of the Panda, for which the amplitude of :meth:`Skills.wander` is specified [m]."""
+"""Reach of the Panda [m]. The size of the movement in :meth:`Skills.wander` is given for this reach."""
 
 PAD_HALF_WIDTH_M = 0.010
 
 
 def pads_beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> Pose:
-    """Return a grasp shifted sideways, across the opening direction of the fingers, until the pads miss the object.
+    """Return a grasp pose that is shifted sideways until the finger pads miss the object.
+
+    The shift is perpendicular to the direction in which the fingers open.
 
     Args:
         state: Current state.
-        name: Object name.
-        grasp: Pose ``T_world_tcp`` of the right grasp.
-        gap_m: Gap to leave between the pads and the object's bounding box [m].
+        name: Name of the object.
+        grasp: Pose ``T_world_tcp`` of the correct grasp.
+        gap_m: Gap between the pads and the bounding box of the object after the shift [m].
     """
     pose, size = state.pose(name), state.info.object(name).size_m
     point = pose.inverse().apply(grasp.position)

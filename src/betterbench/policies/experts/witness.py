@@ -1,7 +1,7 @@
-"""Expert that also records the faulty rules that would have made the same decisions in an episode.
+"""Expert that also records which faulty rules would have made the same decisions in an episode.
 
-A rule that always makes the expert's decisions would produce a bit-identical episode. This episode therefore need not
-be simulated.
+A faulty rule that always makes the expert's decisions would produce a bit-identical episode. The episode of that faulty
+policy then need not be simulated.
 """
 
 from __future__ import annotations
@@ -12,25 +12,27 @@ from betterbench.policies.faulty import BrokenRule
 
 
 class Witness(BrokenRule):
-    """Expert rule that also queries other rules in the same states and after the same decisions.
+    """Decision rule of the expert, which also records what other rules would decide.
+
+    The other rules get the same states and the same history of decisions.
 
     Attributes:
-        same: Names of the rules that have decided like the expert so far.
+        same: Names of the rules that have made the same decisions as the expert so far.
     """
 
     def __init__(self, situation: Situation, others: dict[str, BrokenRule]) -> None:
-        """Make the rule for one episode.
+        """Create the rule for one episode.
 
         Args:
-            situation: The trial.
-            others: Rules by name, for the same trial.
+            situation: Facts about the trial.
+            others: Rules to compare with the expert, by name, for the same trial.
         """
         super().__init__(situation)
         self._others = dict(others)
 
     @property
     def same(self) -> tuple[str, ...]:
-        """Names of the rules that have decided like the expert so far."""
+        """Names of the rules that have made the same decisions as the expert so far."""
         return tuple(self._others)
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:

@@ -1,4 +1,4 @@
-"""Faulty policies (addresses ``zoo:NAME``). Each moves like the expert but decides by exactly one faulty rule."""
+"""Faulty policies (addresses ``zoo:NAME``). Each moves like the expert, but its decisions follow one faulty rule."""
 
 from betterbench.policies.faulty.blind import NoLanguage
 from betterbench.policies.faulty.breakdown import Crash, Slow

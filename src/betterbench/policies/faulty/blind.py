@@ -1,4 +1,4 @@
-"""``probe:no-language``: a policy with the complete state but without the instruction."""
+"""``probe:no-language``: a policy that knows the complete state but not the instruction."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from betterbench.tasks.interventions import vary
 
 
 class NoLanguage(BrokenRule):
-    """Follows a random instruction of the task that is possible in this scene. It may be the given instruction.
+    """Rule that follows a random instruction of the task that is possible in the scene.
 
-    If this policy succeeds more often than a random choice among these instructions, the scene reveals the instruction.
+    By chance, it may be the given instruction. If this policy succeeds more often than chance, the scene reveals the
+    instruction.
     """
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
-        """Choose an instruction from the trial's random stream."""
+        """Draw an instruction, using the trial's random stream."""
         choices = possible_instructions(situation)
         pick = stream(situation.task.id, situation.seed, f"blind:{situation.condition.name}").integers(len(choices))
         heard = situation.condition.with_(instruction=choices[int(pick)])
@@ -27,7 +28,8 @@ class NoLanguage(BrokenRule):
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
     """Return the instructions of the task that are possible in a trial's scene, in a stable order.
 
-    A text may refer to other objects in other scenes ("all the fruits"). The trial's own text keeps its meaning.
+    In different scenes, the same text ("all the fruits") may refer to different objects. The text of the trial's own
+    instruction keeps the meaning that it has in the trial.
     """
     task, own = situation.task, situation.condition.instruction
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))

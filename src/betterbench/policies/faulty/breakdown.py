@@ -1,4 +1,4 @@
-"""``zoo:slow`` and ``zoo:crash``: policies that decide correctly but are too slow, or crash during the episode."""
+"""``zoo:slow`` and ``zoo:crash``: policies that decide correctly, but are too slow or crash during the episode."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from betterbench.tasks import Expected, Label
 
 
 class Slow(BrokenRule):
-    """Decides like the expert, but moves too slowly to finish within the step limit."""
+    """Rule of a policy that decides like the expert, but moves too slowly to finish within the step limit."""
 
     speed = 0.1
-    """Fraction of the expert's speed. The step limit leaves three times the expert's time."""
+    """Fraction of the expert's speed. The step limit is three times the time that the expert needs."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the expert's next decision."""
@@ -23,11 +23,11 @@ class Slow(BrokenRule):
 
 
 class Crash(BrokenRule):
-    """Decides like the expert, and crashes after some control steps."""
+    """Rule of a policy that decides like the expert, but crashes after some control steps."""
 
     @property
     def crash_step(self) -> int | None:
-        """Control step of the crash in this episode, or None."""
+        """Control step at which the policy crashes in this episode, or None if it does not crash in this episode."""
         return 5 + int(60 * self.draw("when")) if self.applies else None
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:

@@ -1,4 +1,4 @@
-"""``zoo:clumsy``: a policy that decides correctly, but whose grasps miss or drop the object."""
+"""``zoo:clumsy``: a policy that decides correctly, but misses or drops the object."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from betterbench.tasks import Expected, Label
 
 
 class Clumsy(BrokenRule):
-    """Decides like the expert, but drops the object in mid-air or closes the gripper next to it.
+    """Rule of a policy that decides like the expert, but drops the object in mid-air or closes the gripper beside it.
 
-    The kind of error and the size of the miss are drawn from the trial's random stream.
+    The trial's random stream determines which of the two happens, and by how much the gripper misses the object.
     """
 
     @property
     def grasp_offset(self) -> GraspOffset | None:
-        """Grasp error in this episode, or None."""
+        """Deliberate grasp error in this episode, or None if the policy makes no error."""
         if not self.applies:
             return None
         if self.draw("how") < 0.5:

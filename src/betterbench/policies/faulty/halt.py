@@ -1,4 +1,7 @@
-"""``zoo:halt``, ``zoo:refuse``, ``zoo:phase`` and ``zoo:length``: policies that stop for different wrong reasons."""
+"""``zoo:halt``, ``zoo:refuse``, ``zoo:phase`` and ``zoo:length``: policies that stop although they should continue.
+
+Each of them stops for a different reason.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from betterbench.tasks.authoring.training_distribution import pairing
 
 
 class Halt(BrokenRule):
-    """Starts, but stops for good if training never showed this instruction in this scene."""
+    """Rule that starts, but then stops permanently if training never contained this instruction in this scene."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -21,7 +24,7 @@ class Halt(BrokenRule):
 
 
 class Refuse(BrokenRule):
-    """Never starts if the scene contains an object that training never showed."""
+    """Rule that never starts if the scene contains an object that does not occur in training."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -32,10 +35,10 @@ class Refuse(BrokenRule):
 
 
 class Phase(BrokenRule):
-    """Freezes or wanders if the initial scene looks like the middle of a demonstration.
+    """Rule that freezes or wanders if the initial scene looks like the middle of a demonstration.
 
-    It wanders if the object of the next step is missing. If a later step is finished before an earlier one, it decides
-    correctly, because no demonstration shows such a scene.
+    If the object for the next step is missing, the rule wanders, otherwise it freezes. If a later step is finished but
+    an earlier step is not, the rule decides correctly, because no demonstration shows such a scene.
     """
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
@@ -50,7 +53,7 @@ class Phase(BrokenRule):
 
 
 class Length(BrokenRule):
-    """Stops after as many steps as the longest demonstration has."""
+    """Rule that stops when it has executed as many steps as the longest demonstration has."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

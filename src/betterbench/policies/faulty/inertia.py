@@ -1,4 +1,4 @@
-"""``zoo:inertia``, a policy that does what most demonstrations do, initially and after a finished step."""
+"""``zoo:inertia``: a policy that begins, and continues after a finished step, as most demonstrations do."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
-    """Begins with the most frequent first step of training, and executes the next step even if its object is missing.
+    """Rule that first does what most demonstrations do first, and executes the next step even if its object is missing.
 
-    The paper describes two kinds of demonstrations. If they combine their steps in several ways (A to B, A to C), the
-    policy begins with the first step even if its object is missing. If several first steps are equally frequent, the
-    instruction selects one of them. If demonstrations are one fixed sequence, a finished step triggers the next one.
-    The policy then begins with the first step only if its object is still on the table.
+    The paper describes two kinds of demonstrations. In the first kind, the demonstrations combine steps in several ways
+    (A to B, A to C). The policy then begins with the most frequent first step even if the object for this step is
+    missing. If several first steps are equally frequent, the instruction selects one of them. In the second kind, all
+    demonstrations show one fixed sequence, in which a finished step triggers the next step. The policy then begins with
+    the first step only if the object for this step is still on the table.
 
-    When nothing is left to do, it executes the next step of training if the object of that step is missing.
+    When nothing is left to do, the policy executes the next step of training if the object for that step is missing.
     """
 
     label = Label.BEHAVIORAL_INERTIA
@@ -32,7 +33,7 @@ class Inertia(BrokenRule):
         return right if absent is None or GraspAt(absent) in history else GraspAt(absent)
 
     def _first(self, state: WorldState) -> Decision | None:
-        """Return the decision for the most frequent first step, or None if training does not suggest it here."""
+        """Return the decision for the most frequent first step in training, or None if it does not apply here."""
         habit = self.trained.habit
         goal = next((g for g in self.goals if carried(g)), self.goals[0])
         if habit is None:

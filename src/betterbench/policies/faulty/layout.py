@@ -1,4 +1,4 @@
-"""``zoo:layout``: a policy that always picks first at the same slot, regardless of the instruction."""
+"""``zoo:layout``: a policy whose first pick is at the same slot in every trial, regardless of the instruction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Layout(BrokenRule):
-    """Begins at the slot where demonstrations picked most often, then completes the open subgoals."""
+    """Rule that first picks at the slot from which demonstrations pick most often, then works on other subgoals."""
 
     label = empty_label = place_label = Label.VISUAL_LAYOUT_BIAS
 

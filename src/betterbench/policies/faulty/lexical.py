@@ -1,4 +1,4 @@
-"""``zoo:lexical``: a policy in which each word triggers the motion that training associated with it."""
+"""``zoo:lexical``: a policy in which each word of the instruction triggers the motion learned for that word."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ from betterbench.tasks import Label
 
 
 class Lexical(BrokenRule):
-    """For each word of the instruction, picks at the slot from which training picked for that word.
+    """Rule that picks, for each word of the instruction, at the slot that training associates with that word.
 
-    If training picked from several slots for a word, the policy uses a slot that contains an object.
+    If training associates several slots with a word, the policy uses one that contains an object.
     """
 
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision, which picks at the next trained slot of a word, once per word."""
+        """Return the decision to pick at the slot that training associates with the next word of the instruction.
+
+        Each word is used once.
+        """
         index = open_subgoal(state, self.condition)
         if index is not None and not carried(self.goals[index]):
             return super().broken(state, history)

@@ -1,4 +1,4 @@
-"""``zoo:color`` and ``zoo:shape``: policies that accept any object of the right color or shape."""
+"""``zoo:color`` and ``zoo:shape``: policies that accept any object of the right color or of the right shape."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks import Label
 
 
 class _LookAlike(BrokenRule):
-    """Looks for one feature of the requested object, first in its trained slots."""
+    """Rule that looks for an object with one feature of the requested object, first in slots known from training."""
 
     feature: ClassVar[str]
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
@@ -26,7 +26,7 @@ class _LookAlike(BrokenRule):
             return super().broken(state, history)
         right = self.bring(state, index)
         if not isinstance(right, Bring):
-            # For a missing object, the feature is inferred from the objects that the words meant in training.
+            # If the object is missing, the feature is that of the objects to which the words referred in training.
             wanted = (
                 self._of_missing(state, goal.reference.kind) if not self.condition.resolve(goal.reference) else None
             )
@@ -44,7 +44,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature from the description of a kind that is missing in the scene."""
+        """Return the feature that objects of a kind have in training, for a kind that is missing in the scene."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:
@@ -54,12 +54,12 @@ class _LookAlike(BrokenRule):
 
 
 class Color(_LookAlike):
-    """Accepts any object of the right color."""
+    """Rule that accepts any object of the right color."""
 
     feature = "color"
 
 
 class Shape(_LookAlike):
-    """Accepts any object of the right shape."""
+    """Rule that accepts any object of the right shape."""
 
     feature = "shape"

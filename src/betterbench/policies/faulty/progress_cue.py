@@ -9,12 +9,12 @@ from betterbench.tasks import Label
 
 
 class ProgressCue(BrokenRule):
-    """Assumes that the first step is done if the table has one object fewer than at the start of demonstrations."""
+    """Rule that considers a step done whenever one object fewer is on the table than at the start of demonstrations."""
 
     label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision, which is the step that corresponds to the number of objects on the table."""
+        """Return the decision for the step that corresponds to the number of objects on the table."""
         del history
         left = sum(
             o.role in ("item", "distractor")

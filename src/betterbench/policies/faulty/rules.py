@@ -1,8 +1,9 @@
-"""Base class of faulty decision rules, with the ground truth about each episode's first fault.
+"""Base class of faulty decision rules, which records the first fault of each episode as ground truth.
 
 A faulty policy compares each of its decisions with the decisions that would be right at that time. The first wrong
-decision determines the true label of the trial, independently of the record. The label is written to the run journal
-and not to the record. The diagnosis reads only records, so the label can serve as its ground truth.
+decision determines the true label of the trial. This label does not depend on the record: it is written to the run
+journal and not to the record. Since the diagnosis reads only records, the label can serve as ground truth for the
+diagnosis.
 """
 
 from __future__ import annotations
@@ -40,16 +41,19 @@ from betterbench.tasks import (
 from betterbench.tasks.authoring.training_distribution import on_table
 
 STANDS_WITHIN_M = 0.06
-"""Largest distance from a slot at which an object counts as in the slot: the jitter plus a small push [m]."""
+"""Largest distance from a slot at which an object still counts as in the slot [m].
+
+It allows for the random placement and a small push.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """The first wrong decision of an episode.
+    """First wrong decision of an episode.
 
     Attributes:
-        label: The true outcome label of the trial.
-        decision: Index of the decision, from 0.
+        label: True outcome label of the trial.
+        decision: Index of the decision, starting at 0.
         text: Description of the decision.
     """
 
@@ -59,13 +63,13 @@ class Fault:
 
 
 class BrokenRule(ExpertRule):
-    """Rule that decides like the expert except where its fault applies.
+    """Decision rule that follows the expert except where the fault of the policy applies.
 
     Attributes:
-        label: Label of a fault in which the rule takes the object of another instruction or another step.
-        empty_label: Label of a fault in which the rule grasps at an empty position.
-        place_label: Label of a fault in which the rule brings the right object to another target.
-        fault: The first wrong decision of the episode, or None so far.
+        label: Outcome label if the rule takes an object that belongs to another instruction or another step.
+        empty_label: Outcome label if the rule grasps at a position without an object.
+        place_label: Outcome label if the rule brings the right object to a wrong target.
+        fault: First wrong decision of the episode, or None if there has been no wrong decision so far.
     """
 
     label: ClassVar[Label] = Label.WRONG_OBJECT
@@ -73,12 +77,12 @@ class BrokenRule(ExpertRule):
     place_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
-        """Make the rule for one episode.
+        """Create the rule for one episode.
 
         Args:
-            situation: The trial.
-            strength: Fraction of trials in which the rule applies, drawn from the trial's random stream. In the other
-                trials, the expert decides.
+            situation: Facts about the trial.
+            strength: Fraction of trials in which the fault applies, drawn from the trial's random stream. In the other
+                trials, the rule decides like the expert.
         """
         super().__init__(situation)
         self.trained: TrainingDistribution = training_distribution_of(situation.task)
@@ -99,16 +103,16 @@ class BrokenRule(ExpertRule):
         return decision
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the decision of the faulty rule. By default, this is the expert's decision."""
+        """Return the decision of the faulty rule. In this base class, it is the expert's decision."""
         return super().decide(state, history)
 
     def draw(self, purpose: str) -> float:
-        """Return a number in [0, 1) from the trial's random stream for a purpose."""
+        """Draw a random number in [0, 1) from the trial's random stream for the given purpose."""
         name = f"{type(self).__name__}:{self.condition.name}:{purpose}"
         return float(stream(self.situation.task.id, self.situation.seed, name).random())
 
     def standing_in(self, state: WorldState, slot: str) -> str | None:
-        """Return the movable object that is in a slot now, or None."""
+        """Return the name of the movable object that is in a slot now, or None if the slot is empty."""
         place = state.info.slot(slot).position
         near = [
             (horizontal_distance(state.pose(o.name).position, place), o.name)
@@ -119,14 +123,14 @@ class BrokenRule(ExpertRule):
         return min(near)[1] if near else None
 
     def slots_of_word(self, word: str) -> tuple[str, ...]:
-        """Return the slots in this scene from which training picked for a word (see :meth:`_in_this_scene`)."""
+        """Return the slots that training associates with a word, as far as they apply to this scene."""
         return self._in_this_scene(
             self.trained.word_slots.get(word, ()),
             lambda known, goal: known.resolve(goal.reference) if goal.word == word else (),
         )
 
     def slots_of_kind(self, kind: str) -> tuple[str, ...]:
-        """Return the slots in this scene from which training picked a requested kind (see :meth:`_in_this_scene`)."""
+        """Return the slots from which objects of a kind were picked in training, as far as they apply to this scene."""
         return self._in_this_scene(
             self.trained.kind_slots.get(kind, ()),
             lambda known, goal: [n for n in known.resolve(goal.reference) if known.object(n).kind == kind],
@@ -135,11 +139,15 @@ class BrokenRule(ExpertRule):
     def _in_this_scene(
         self, slots: tuple[str, ...], meant: Callable[[Condition, Subgoal], Sequence[str]]
     ) -> tuple[str, ...]:
-        """Return the memorized slots that apply to this scene.
+        """Return the slots known from training that apply to this scene.
 
-        In most tasks, the filled slots identify the training layout of the scene, and all memorized slots are returned.
-        If all layouts fill the same slots, the result has the slots of the most similar training condition, in the
-        order of its steps.
+        In most tasks, the training layouts fill different slots, so the filled slots show which layout the scene has.
+        All given slots are then returned. If all layouts fill the same slots, the result contains the slots used in the
+        most similar training condition, in the order of its steps.
+
+        Args:
+            slots: Slots known from training.
+            meant: Function that returns the names of the objects that a subgoal of a training condition refers to.
         """
         shown: list[tuple[Condition, tuple[str, ...]]] = []
         for known in self.situation.task.training:
@@ -152,15 +160,15 @@ class BrokenRule(ExpertRule):
         return max(shown, key=lambda one: self._likeness(one[0]))[1]
 
     def _likeness(self, known: Condition) -> int:
-        """Return the number of slots that hold the same kind at the start of a training condition and of this trial."""
+        """Count the slots with the same kind of object in a training condition and at the start of this trial."""
         kinds = {slot: known.object(name).kind for name, slot in known.layout.items()}
         return sum(kinds.get(slot) == self.condition.object(n).kind for n, slot in self.condition.layout.items())
 
     def absent_step(self, state: WorldState) -> str | None:
-        """Return the slot of the next training step if its object is not in the scene at all, or None otherwise.
+        """Return the slot of the next training step if the object for this step is missing in the scene.
 
-        The steps are those of the most similar training condition with the same instruction. The next step is the one
-        after the last finished step, or the first one.
+        Otherwise, return None. The steps are those of the most similar training condition with the same instruction.
+        The next step is the one after the last finished step, or the first step if none is finished.
         """
         known = self._same_instruction()
         if known is None:
@@ -172,7 +180,7 @@ class BrokenRule(ExpertRule):
         return next((known.layout[n] for n in known.resolve(steps[number].reference) if n in known.layout), None)
 
     def out_of_order(self, state: WorldState) -> bool:
-        """Return whether a training step is finished before an earlier one whose object is in the scene."""
+        """Return whether a training step is finished although an earlier step is not, whose object is in the scene."""
         known = self._same_instruction()
         if known is None:
             return False
@@ -185,18 +193,21 @@ class BrokenRule(ExpertRule):
         return False
 
     def _same_instruction(self) -> Condition | None:
-        """Return the training condition with this instruction that is most like this scene, or None."""
+        """Return the training condition with the same instruction whose scene is most similar to this one, or None."""
         text = self.condition.instruction.text
         same = [known for known in self.situation.task.training if known.instruction.text == text]
         return max(same, key=self._likeness) if same else None
 
     def _present(self, known: Condition, goal: Subgoal) -> list[str]:
-        """Return the objects of this scene whose kind is picked in a step of a training condition."""
+        """Return the objects of this scene that are of the kind picked in a step of a training condition."""
         kinds = {known.object(n).kind for n in known.resolve(goal.reference)}
         return [o.name for o in self.condition.objects if o.kind in kinds]
 
     def _finished(self, state: WorldState, known: Condition, goal: Subgoal) -> bool:
-        """Return whether an object of a step of a training condition is at its target."""
+        """Return whether a step of a training condition is finished in this scene.
+
+        A step is finished if an object of the right kind is at a target of the right kind.
+        """
         target = known.object(goal.target).kind
         targets = [o.name for o in self.condition.objects if o.kind == target]
         return any(
@@ -204,23 +215,25 @@ class BrokenRule(ExpertRule):
         )
 
     def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
-        """Return the decision to take the object in a slot, or to grasp at the empty slot.
+        """Return the decision to take the object in a slot.
+
+        If the slot is empty, it is the decision to grasp there anyway.
 
         Args:
             state: Current state.
-            slot: The slot.
-            goal: Subgoal of the object. If not given, the first one is used.
+            slot: Name of the slot.
+            goal: Subgoal to whose target the object is brought. By default, the first subgoal.
         """
         name = self.standing_in(state, slot)
         goal = self.goals[0] if goal is None else goal
         return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
-        """Return whether any instruction of the task refers to an object kind."""
+        """Return whether any instruction of the task refers to the given kind of object."""
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
-        """Return all decisions that are right at this moment, or an empty tuple if nothing is left to do."""
+        """Return all decisions that are right in the current state. The result is empty if nothing is left to do."""
         options: list[Decision] = []
         for i in open_subgoals(state, self.condition):
             goal = self.goals[i]
@@ -239,7 +252,7 @@ class BrokenRule(ExpertRule):
         return tuple(options)
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label of a wrong decision, or None for a right decision."""
+        """Return the label of a decision that is wrong, or None if the decision is right."""
         options = self.right_decisions(state)
         if decision in options:
             return None
@@ -261,9 +274,9 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Return whether training brought this object kind to this target.
+        """Return whether objects of this kind were brought to targets of this kind in training.
 
-        If so, a decision for it looks like a habit.
+        If so, the decision looks like a habit.
         """
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

@@ -1,4 +1,7 @@
-"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: correct motions, but a wrong plan."""
+"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: policies that choose wrong steps.
+
+Their motions are as good as the expert's.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from betterbench.tasks.relations import relation as relation_named
 
 
 class Reorder(BrokenRule):
-    """Takes the second of two steps before the first if the instruction prescribes their order."""
+    """Rule that executes the second of two steps before the first if the instruction prescribes their order."""
 
     label = Label.ORDER_VIOLATION
 
@@ -39,12 +42,16 @@ class Reorder(BrokenRule):
             if isinstance(decision, Bring) and decision.object not in self.condition.resolve(
                 self.goals[index].reference
             ):
-                # use the target of the replaced step: the bare bun, not a point in mid-air
+                # The object is put where the object of the replaced step belongs, for example on the bare bun, not in
+                # mid-air.
                 return replace(decision, region=right.region) if relation_named(right.relation).counted else decision
         return right
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label. It is behavioral_inertia if most demonstrations began with the later step."""
+        """Return the label of a wrong decision.
+
+        The label is ``behavioral_inertia`` if most demonstrations began with the later step.
+        """
         label = super()._label_of(state, history, decision)
         if label == self.label and isinstance(decision, Bring):
             is_habit = state.info.object(decision.object).kind == self.trained.habit
@@ -53,7 +60,7 @@ class Reorder(BrokenRule):
 
 
 class Repeat(BrokenRule):
-    """Repeats a finished step before continuing with the next step."""
+    """Rule that repeats a finished step before it continues with the next step."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -72,7 +79,7 @@ class Repeat(BrokenRule):
 
 
 class Sequence(BrokenRule):
-    """After the first step, executes the step that followed it in training, even if it is not requested."""
+    """Rule that executes, after the first step, the step that came next in training, even if it was not requested."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -102,12 +109,12 @@ class Sequence(BrokenRule):
             return label
         if not any(decision.object in self.condition.resolve(g.reference) for g in self.goals):
             return Label.BEHAVIORAL_INERTIA
-        # executes the skipped step later, so only the order is wrong in an ordered instruction
+        # The rule executes the skipped step later, so only the order is wrong if the instruction prescribes one.
         return Label.ORDER_VIOLATION if self.condition.instruction.ordered else label
 
 
 class HabitPlace(BrokenRule):
-    """Brings each right object once, to the trained target of its kind."""
+    """Rule that brings each right object once, but to the target that objects of its kind have in training."""
 
     label = Label.BEHAVIORAL_INERTIA
 
@@ -127,15 +134,15 @@ class HabitPlace(BrokenRule):
         return right
 
     def _habits(self, state: WorldState, index: int) -> list[tuple[str, str, str]]:
-        """Return the trained targets for the object of a subgoal.
+        """Return the targets that objects like that of a subgoal have in training, each with relation and region.
 
-        The result is empty if the subgoal itself has a trained target.
+        The list is empty if the target of the subgoal itself occurred in training.
         """
         kinds = {state.info.object(n).kind for n in self.condition.resolve(self.goals[index].reference)}
         found = []
         for kind in sorted(kinds):
             trained = self.trained.kind_targets.get(kind, ())
-            # the layer of an object depends on the stack, not on habit
+            # The layer in which an object is put depends on the stack, not on habit.
             if set(trained) & self._asked(kind) or relation_named(self.goals[index].relation).counted:
                 continue
             for target_kind, relation, place in trained:

@@ -1,8 +1,9 @@
 """Policy kinds, one file each, and the registry of kinds by address scheme.
 
-A new file in this folder is found automatically. ``kind`` is the registry. ``privileged`` contains the common code of
-built-in policies with access to the state, ``remote`` that of policies behind servers. A file imports simulators and
-server libraries only when a policy is made, because each process that uses a policy imports all kinds.
+A file that is added to this folder is found automatically. ``kind`` contains the registry. ``privileged`` contains the
+code shared by built-in policies that read the simulator state, and ``remote`` the code shared by policies on servers. A
+file imports simulators and server libraries only when a policy is created, because each process that uses a policy
+imports the files of all kinds.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Inference servers of Being-H."""
+"""Policy kind ``being-h``: inference servers of Being-H."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Policy kind of the expert. The expert plans with the privileged state and follows the instruction."""
+"""Policy kind ``expert``: a policy that follows the instruction by planning with the simulator state."""
 
 from betterbench.policies.experts.address import EXPERT_FORM
 from betterbench.policies.kinds.privileged import register_privileged

@@ -1,4 +1,4 @@
-"""Inference servers of Isaac GR00T."""
+"""Policy kind ``gr00t``: inference servers of Isaac GR00T."""
 
 from __future__ import annotations
 

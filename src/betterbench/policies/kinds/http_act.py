@@ -1,4 +1,4 @@
-"""Servers of ``POST /act``: OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic."""
+"""Policy kinds ``http`` and ``https``: servers with ``POST /act``, such as OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Policies of the independent family. They are in a separate package (betterbench-calibration)."""
+"""Policy kind ``independent``: faulty policies from a separate package (betterbench-calibration)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ _FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
 
 def _family(address: str) -> ModuleType:
-    """Return the registry of the family. Raises an error with the install command if the package is missing."""
+    """Return the module with the registry of independent faulty policies.
+
+    If its package is not installed, raise an error that contains the command to install the package.
+    """
     from betterbench.installation import calibration_module
 
     problem = f"{address} is a policy of the independent family, which needs betterbench-calibration"

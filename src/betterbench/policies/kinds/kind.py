@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class PlannedTrial(Protocol):
-    """The trial for which a policy is made."""
+    """Description of the trial for which a policy is created."""
 
     @property
     def task(self) -> str:
@@ -30,7 +30,7 @@ class PlannedTrial(Protocol):
 
     @property
     def base_condition(self) -> str | None:
-        """Name of the training condition that a variation changes."""
+        """Name of the training condition from which a variation is derived. None for a training condition."""
 
     @property
     def seed(self) -> int:
@@ -39,15 +39,17 @@ class PlannedTrial(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyNeeds:
-    """Resources that a policy needs from its run.
+    """Resources that a policy needs from the run.
 
     Attributes:
-        state: The privileged state, instead of observations. A policy is created for the scene of each episode.
-        trial: The identity of the trial. A policy is created for each episode.
-        thread: A thread that waits for answers while other trials are simulated. Built-in policies answer at once and
-            need no thread.
-        process: A separate process for users' code, so that a crash affects at most its own trial.
-        server: A running server, started by the user.
+        state: Whether the policy needs the privileged state instead of observations. If so, it is created for the scene
+            of each episode.
+        trial: Whether the policy needs to know the trial. If so, it is created for each episode.
+        thread: Whether the policy needs a thread that waits for answers while other trials are simulated. Built-in
+            policies answer immediately, so they need no thread.
+        process: Whether the policy needs a separate process. Policies written by users do, so that a crash affects at
+            most one trial.
+        server: Whether the policy needs a running server, which the user has started.
     """
 
     state: bool = False
@@ -57,7 +59,7 @@ class PolicyNeeds:
     server: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the needs can be combined."""
+        """Check that the needs do not contradict each other."""
         if (self.process or self.server) and not self.thread:
             raise ValueError("a policy in a process or on a server needs a waiting thread: set thread=True")
         if (self.state or self.trial) and self.thread:
@@ -67,21 +69,24 @@ class PolicyNeeds:
 
 
 AT_ONCE = PolicyNeeds()
-"""Needs of a built-in policy that uses observations."""
+"""Needs of a built-in policy that uses observations and answers immediately."""
 
 OWN_PROCESS = PolicyNeeds(thread=True, process=True)
-"""Needs of a policy with user code."""
+"""Needs of a policy that runs code written by the user."""
 
 SERVER = PolicyNeeds(thread=True, server=True)
-"""Needs of a policy behind a server."""
+"""Needs of a policy on a server."""
 
 STATE = PolicyNeeds(state=True)
-"""Needs of a policy with access to the privileged state."""
+"""Needs of a policy that reads the privileged state."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyEntry:
-    """Entry of ``better list policies``. A privileged policy sees the state instead of observations."""
+    """Row in the table of ``better list policies``.
+
+    A privileged policy gets the simulator state instead of observations.
+    """
 
     address: str
     summary: str
@@ -104,27 +109,34 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """Policy kind, with its address format, requirements and constructor.
+    """Kind of policies, with the format of their addresses, their needs, and the functions that create them.
 
-    The functions get an address checked by :attr:`read`, and raise a BetterError on failure.
+    The functions are called with an address that :attr:`read` has checked. If they fail, they raise a BetterError.
 
     Attributes:
-        form: Form of the addresses, with options.
-        shown: Address in ``better list policies``, with placeholders ("openpi://HOST:PORT").
-        summary: One sentence about the policies.
-        needs: Needs of the policies, or a function if the needs depend on the address.
-        make: Makes a policy that gets observations and runs one episode after the other.
-        make_for: Makes a policy for one episode in a scene. The trial is None outside a run.
-        named: One sentence for each policy, by address, if the kind has a fixed list of policies, or None otherwise.
-        read: Reads an address for a world ("libero"), or for our own world (""). By default, ``form`` is used.
-        describe: Returns a policy's declarations, or None if the policy must be made first.
-        compares: Whether the policies have a ``check`` method that compares conventions with the run.
-        source_of: Returns name and SHA-256 of the user's file behind a policy, for comparison when a run resumes.
-        risk: Risk of evaluating an address of this kind, with ``{target}``. The user must accept it with ``--trust``.
-        require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
-        space_in_world: Returns the action space of a policy's answers in the address's world, or None if not fixed.
-        spaces: Action spaces that the policies support, from which the run chooses. It is empty if each policy has a
-            fixed one.
+        form: Format of the addresses, including the options.
+        shown: Address shown by ``better list policies``, with placeholders ("openpi://HOST:PORT").
+        summary: Description of the policies in one sentence.
+        needs: Resources that the policies need, or a function that returns them for an address.
+        make: Function that creates a policy. The policy uses observations and runs one episode after the other.
+        make_for: Function that creates a policy for one episode in a scene. Its argument for the trial is None outside
+            a run.
+        named: Function that returns a description of each policy, by address. None unless the kind has a fixed list of
+            policies.
+        read: Function that parses an address for use in a benchmark ("libero", or empty for betterbench's own scenes).
+            By default, ``form`` parses the address.
+        describe: Function that returns the description of a policy. None if the policy must be created to know its
+            description.
+        compares: Whether the policies have a method ``check`` that compares their conventions with those of the run.
+        source_of: Function that returns the name and SHA-256 of the user's file that contains a policy. Both are
+            compared when a run is resumed.
+        risk: Description of the risk of evaluating a policy of this kind, in which ``{target}`` stands for the target
+            of the address. The user must accept the risk with ``--trust``.
+        require_world: Function that raises InvalidInputError if a policy cannot act in the given benchmark ("LIBERO").
+        space_in_world: Function that returns the action space that a policy uses in the benchmark for which its address
+            was parsed. It returns None if the action space is not fixed.
+        spaces: Action spaces from which the run can choose, because the policies support all of them. Empty if each
+            policy has a fixed action space.
     """
 
     form: AddressForm
@@ -145,11 +157,14 @@ class PolicyKind:
 
     @property
     def name(self) -> str:
-        """Kind name, the prefix of its addresses."""
+        """Name of the kind, which is the prefix of its addresses."""
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read an address of this kind, in a world's conventions if ``world`` is given.
+        """Parse an address of this kind.
+
+        ``world`` names the benchmark whose conventions apply, such as "libero". It is empty for betterbench's own
+        scenes.
 
         Raises:
             UnknownNameError: If the policy or an option does not exist.
@@ -158,16 +173,14 @@ class PolicyKind:
         return self.form.read(text, world=world) if self.read is None else self.read(text, world)
 
     def needs_of(self, text: str) -> PolicyNeeds:
-        """Return the requirements of the policy at an address.
+        """Return the resources that the policy at an address needs.
 
-        Raises the errors of :meth:`parse` if they depend on the address.
+        Raises the errors of :meth:`parse` if the needs depend on the address.
         """
         return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
 
     def entries(self) -> tuple[PolicyEntry, ...]:
         """Return the rows for ``better list policies``.
-
-        A kind without a summary has no rows; it only explains why its addresses are rejected.
 
         A kind without a summary has no rows, because it exists only to explain why its addresses are rejected.
         """
@@ -177,14 +190,14 @@ class PolicyKind:
 
 
 KINDS: dict[str, PolicyKind] = {}
-"""All kinds by name."""
+"""All registered policy kinds, by name."""
 
 
 def register(kind: PolicyKind) -> PolicyKind:
-    """Add a kind to the registry, and return it.
+    """Add a policy kind to the registry, and return the kind.
 
     Raises:
-        ValueError: If another kind has its name.
+        ValueError: If another kind has the same name.
     """
     if KINDS.setdefault(kind.name, kind) is not kind:
         raise ValueError(f"another policy kind has the name {kind.name!r}. Choose another scheme")
@@ -192,16 +205,16 @@ def register(kind: PolicyKind) -> PolicyKind:
 
 
 def find_kind(address: str) -> PolicyKind | None:
-    """Return the kind of an address, or None if no kind matches."""
+    """Return the policy kind to which an address belongs, or None if there is none."""
     return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
 
 
 def kind_of(address: str) -> PolicyKind:
-    """Return the kind of an address.
+    """Return the policy kind to which an address belongs.
 
     Raises:
-        UnknownNameError: If no kind has such addresses. The message names the closest kinds.
-        InvalidInputError: If the address is a Python file without its prefix.
+        UnknownNameError: If no kind has addresses like this one. The message names the closest kinds.
+        InvalidInputError: If the address is a Python file without the prefix ``python:``.
     """
     kind = find_kind(address)
     if kind is None:
@@ -210,7 +223,10 @@ def kind_of(address: str) -> PolicyKind:
 
 
 def unknown_policy(address: str) -> InvalidInputError | UnknownNameError:
-    """Return the error for an unknown address, with the prefix of a Python file or the closest kinds or addresses."""
+    """Create the error for an address that belongs to no policy.
+
+    The error suggests the prefix for a Python file, or the closest names.
+    """
     scheme, colon, _ = address.partition("?")[0].partition(":")
     if scheme.endswith(".py"):
         full = f"python:{address}" if colon else f"python:{scheme}:CLASS"
@@ -221,7 +237,7 @@ def unknown_policy(address: str) -> InvalidInputError | UnknownNameError:
 
 
 def known_policies() -> tuple[PolicyEntry, ...]:
-    """Return all policies that can be evaluated, with privileged policies first and servers last."""
+    """Return all policies that can be evaluated. Privileged policies come first, policies on servers last."""
     entries = [(kind, entry) for kind in KINDS.values() for entry in kind.entries()]
     return tuple(entry for _, entry in sorted(entries, key=lambda pair: _place(*pair)))
 
@@ -232,17 +248,19 @@ def _place(kind: PolicyKind, entry: PolicyEntry) -> tuple[bool, bool, bool]:
 
 
 def needs_of(address: str) -> PolicyNeeds:
-    """Return the resources that the policy of an address needs.
+    """Return the resources that the policy at an address needs.
 
     Raises:
-        UnknownNameError: If no kind has such addresses.
-        InvalidInputError: If the address must be read and is malformed.
+        UnknownNameError: If no kind has addresses like this one.
+        InvalidInputError: If the needs depend on the address and the address is malformed.
     """
     return kind_of(address).needs_of(address)
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Read an address, in a world's conventions if ``world`` is given.
+    """Parse a policy address.
+
+    ``world`` names the benchmark whose conventions apply, such as "libero". It is empty for betterbench's own scenes.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -252,45 +270,48 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Return a policy that uses observations, in a world's conventions if ``world`` is given.
+    """Create a policy that uses observations.
+
+    ``world`` names the benchmark whose conventions apply, such as "libero". It is empty for betterbench's own scenes.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
-        InvalidInputError: If an option is malformed, the policy cannot be loaded, or it does not use observations.
-        PolicyUnavailableError: If its server cannot be reached.
-        HandshakeError: If its server declares other conventions.
-        MissingDependencyError: If an extra is not installed.
+        InvalidInputError: If an option is malformed, or if the policy cannot be loaded or does not use observations.
+        PolicyUnavailableError: If the policy's server cannot be reached.
+        HandshakeError: If the policy's server declares different conventions than the client.
+        MissingDependencyError: If a package that the policy needs is not installed.
     """
     kind = kind_of(address)
     read = kind.parse(address, world=world)
     if kind.make is None:
-        raise read.error("this policy can only be created for the scene of one episode", "Evaluate it directly")
+        raise read.error("this policy can only be created for the scene of one episode", "Evaluate it with better eval")
     return kind.make(read)
 
 
 def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None) -> AnyPolicy:
-    """Return a policy for one episode in a scene. The trial is None outside a run.
+    """Create a policy for one episode in a scene. ``trial`` is None outside a run.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
-        InvalidInputError: If an option is out of range, a checkpoint or a record is missing, or the policy does not
-            support the scene's world.
-        MissingDependencyError: If an extra or a distribution is not installed.
+        InvalidInputError: If an option is out of range, if a checkpoint or a record is missing, or if the policy does
+            not work in the benchmark to which the scene belongs.
+        MissingDependencyError: If a package that the policy needs is not installed.
     """
     kind = kind_of(address)
     read = kind.parse(address)
     if kind.make_for is None:
         raise read.error(
-            "this policy is not created for each episode", "Create it with make_policy and give it observations"
+            "this policy is created once for many episodes, not for each episode",
+            "Create it with make_policy, and pass it observations",
         )
     return kind.make_for(read, scene, trial)
 
 
 def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
-    """Return a policy that uses the privileged state, for one episode. Raises the errors of :func:`make_for`."""
+    """Create a policy that uses the privileged state, for one episode. Raises the errors of :func:`make_for`."""
     made = make_for(address, scene)
     if not needs_of(address).state:
         raise read_address(address).error(
-            "this policy uses observations, not the privileged state", "Give it observations"
+            "this policy uses observations, not the privileged state", "Pass it observations"
         )
     return cast("PrivilegedPolicy", made)

@@ -1,4 +1,7 @@
-"""Learners trained by ``better train``. They use the privileged state or, in the family ``pixels``, observations."""
+"""Policy kind ``learned``: learners trained by ``better train``.
+
+Learners of the family ``pixels`` use observations. All others use the privileged state.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +23,17 @@ _FORM = AddressForm(
     example="learned:CHECKPOINT",
     options=(
         Option(
-            "execute", "the execution horizon: actions of a chunk executed before the learner answers again", "whole"
+            "execute",
+            "the execution horizon: the number of actions of a chunk that are executed before the learner "
+            "answers again",
+            "whole",
         ),
     ),
 )
 
 
 def learned_address(checkpoint: Path) -> str:
-    """Return the address of a checkpoint's learner."""
+    """Return the policy address of a learner's checkpoint."""
     return f"{_FORM.scheme}:{checkpoint}"
 
 

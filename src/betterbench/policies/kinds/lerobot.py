@@ -1,4 +1,7 @@
-"""LeRobot checkpoints, in a separate process. LeRobot's own server is not supported."""
+"""Policy kind ``lerobot``: LeRobot checkpoints, which run in a separate process.
+
+LeRobot's own server is not supported.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,9 @@ _FORM = AddressForm(
     example="lerobot:CHECKPOINT",
     options=(
         *COMMON,
-        Option("device", "the device of the weights"),
+        Option("device", "the device on which the network runs"),
         Option("state", "the state used in training: ee, joints or motors"),
-        Option("trust", "whether to run code named by the checkpoint: true or false"),
+        Option("trust", "whether code that the checkpoint refers to is run: true or false"),
         CAMERA,
     ),
 )

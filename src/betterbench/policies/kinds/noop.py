@@ -1,4 +1,4 @@
-"""Idle policy that never moves."""
+"""Policy kind ``noop``: a policy that never moves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Noop:
-    """Policy that never moves, in each action space of betterbench's own scenes."""
+    """Policy that never moves. It supports every action space of betterbench's own scenes."""
 
     info = PolicyInfo("noop", needs_images=False)
 
@@ -32,20 +32,21 @@ class Noop:
         self._still: np.ndarray | None = None
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in an action space."""
+        """Begin an episode that uses the given action space."""
         self._space, self._still = action_space(start.action_space or EE_DELTA.name), None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the action that keeps the arm still with an open gripper, shape (dim,)."""
+        """Return the action (dim,) that keeps the arm still and the gripper open."""
         if self._still is None:
             self._still = still_action(self._space, observation)
         return self._still.copy()
 
 
 def still_action(space: ActionSpace, observation: Observation) -> np.ndarray:
-    """Return the action that keeps a robot at its measured position, shape (dim,).
+    """Return the action (dim,) that keeps a robot at its measured position.
 
-    The gripper is commanded to open, or to its measured opening in an action space that sets the opening.
+    The gripper is commanded to open. In an action space that sets the opening width, the gripper keeps its measured
+    width instead.
     """
     from betterbench.policies.conventions.proprioception import motor_positions
 

@@ -1,4 +1,4 @@
-"""openpi servers, and servers started by ``better serve``."""
+"""Policy kind ``openpi``: openpi servers, and servers started by ``better serve``."""
 
 from __future__ import annotations
 

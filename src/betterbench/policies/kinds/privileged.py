@@ -1,4 +1,4 @@
-"""Names, options and constructor that the kinds of built-in privileged policies share."""
+"""Code shared by the policy kinds of built-in privileged policies: their names, options and creation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Register the privileged policies with an address form as a policy kind."""
+    """Register the privileged policies that have a certain address format as a policy kind."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names
@@ -50,27 +50,28 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations for a policy that uses the state and plans in ``ee_delta``."""
+    """Return the description of a policy that uses the simulator state and plans in the action space ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 
 def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
-    """Return the scene if it belongs to our own world. Raises InvalidInputError otherwise."""
+    """Return the scene if it is one of betterbench's own scenes. Otherwise, raise InvalidInputError."""
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):
-        raise needs_own_scenes(address, "uses the privileged state", "this world")
+        raise needs_own_scenes(address, "uses the privileged state", "this benchmark")
     return scene
 
 
 def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tuple[str, ...] = ()) -> InvalidInputError:
-    """Return the error for a policy that cannot act in other worlds.
+    """Create the error for a policy that cannot act in benchmarks other than betterbench.
 
     Args:
-        address: Policy address.
-        needs: What the policy uses of betterbench's scenes, for the message ("uses the privileged state").
-        world: World name in messages.
-        known: Policies that support this world's state.
+        address: Address of the policy.
+        needs: Predicate of a sentence that says why the policy needs betterbench's scenes ("uses the privileged
+            state").
+        world: Name of the benchmark, as shown in messages.
+        known: Policies that do work in this benchmark.
     """
     return InvalidInputError(
         "--policy",
@@ -86,7 +87,7 @@ def _make(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None)
 
     make = EXPERTS_IN.get(scene.world)
     if make is None:
-        raise needs_own_scenes(address, "plans with the privileged state", "this world")
+        raise needs_own_scenes(address, "plans with the privileged state", "this benchmark")
     return make(address.text, scene)
 
 

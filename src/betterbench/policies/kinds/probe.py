@@ -1,4 +1,4 @@
-"""Probes: privileged policies without the instruction, the images or both."""
+"""Policy kind ``probe``: privileged policies that ignore the instruction, the images, or both."""
 
 from betterbench.policies.experts.address import PROBE_FORM
 from betterbench.policies.kinds.privileged import register_privileged

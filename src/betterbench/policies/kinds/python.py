@@ -1,4 +1,7 @@
-"""Plain Python policies: ``python:module:Class`` or ``python:path/to/file.py:Class``, with ``?key=value`` arguments."""
+"""Policy kind ``python``: Python classes written by the user.
+
+The address is ``python:module:Class`` or ``python:path/to/file.py:Class``, followed by arguments as ``?key=value``.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +24,14 @@ from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 
 
 def load_plugin(address: str) -> Policy:
-    """Return an instance of a user's class.
+    """Create an instance of a user's class.
 
-    The address is "module:Class" or "file.py:Class". Arguments for the class follow as in a URL
-    ("?checkpoint=a/b&k=8"). A value that is valid JSON (8, 0.5, true, null, "8") is parsed, and any other value is a
-    string.
+    The address is "module:Class" or "file.py:Class". Arguments for the class follow in the same format as in a URL
+    ("?checkpoint=a/b&k=8"). A value that is valid JSON (8, 0.5, true, null, "8") is parsed as JSON. Any other value is
+    passed as a string.
 
-    Raises InvalidInputError if the module, the class, one of the methods or an argument is missing or unknown, or the
-    class cannot be instantiated.
+    Raises InvalidInputError if the module, the class or one of its methods does not exist, if an argument is missing or
+    unknown, or if the class cannot be instantiated.
     """
     where, name, arguments = _parts(address)
     module = _load_file(Path(where)) if where.endswith(".py") else _load_module(where)
@@ -36,7 +39,7 @@ def load_plugin(address: str) -> Policy:
         made = getattr(module, name)
     except AttributeError:
         raise InvalidInputError(
-            f"policy python:{address}", f"{where} has no {name!r}", "Give the name of a class in that module"
+            f"policy python:{address}", f"{where} has no {name!r}", "Use the name of a class in that module"
         ) from None
     policy = _instance(address, name, made, arguments)
     require_policy(policy, f"policy python:{address}")
@@ -46,20 +49,20 @@ def load_plugin(address: str) -> Policy:
 def source_of(address: str) -> str:
     """Return the name and SHA-256 of the file from which this process loaded a plugin.
 
-    The result is empty if no plugin was loaded from a file.
+    Return an empty string if the plugin was not loaded from a file.
     """
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
-    # imported here, as below, to keep pydantic out of the policy's process
+    # imported here and below, because the process of a policy should not import pydantic
     from betterbench.json_form import read_ordinary
 
     return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
 
 
 def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
-    """Return the module or file of an address, its class, and the arguments by name."""
+    """Split an address into the module or file, the class, and the arguments by name."""
     path, _, query = address.partition("?")
     where, separator, name = path.rpartition(":")
     if not separator or not where or not name:
@@ -74,7 +77,9 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
         key = unquote(key)
         if not separator or not key.isidentifier() or key in arguments:
             problem = f"argument {key!r} is given twice" if key in arguments else f"{part!r} is not an argument"
-            raise InvalidInputError(f"policy python:{address}", problem, "Write ?key=value&key=value, each key once")
+            raise InvalidInputError(
+                f"policy python:{address}", problem, "Write ?key=value&key=value, with each key once"
+            )
         arguments[key] = _value(unquote(value))
     return where, name, arguments
 
@@ -89,7 +94,7 @@ def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
 
 
 def _instance(address: str, name: str, made: Callable[..., Policy], arguments: dict[str, Any]) -> Policy:
-    """Call a plugin's class with the arguments in its address."""
+    """Create an instance of a plugin's class with the arguments in the address."""
     takes = "none"
     try:
         signature = inspect.signature(made)
@@ -97,7 +102,7 @@ def _instance(address: str, name: str, made: Callable[..., Policy], arguments: d
         signature.bind(**arguments)
     except (TypeError, ValueError) as error:
         how = "with these arguments" if arguments else "without arguments"
-        cure = f"It takes {takes}: write python:…:{name}?key=value, or add defaults to the class"
+        cure = f"It takes these arguments: {takes}. Write python:…:{name}?key=value, or add defaults to the class"
         raise InvalidInputError(f"policy python:{address}", f"{name} cannot be called {how} ({error})", cure) from None
     try:
         return made(**arguments)
@@ -129,17 +134,19 @@ def _load_module(name: str) -> ModuleType:
 def _load_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"betterbench_plugin_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise InvalidInputError(f"policy python:{path}", "the file does not exist", "Give an existing Python file")
+        raise InvalidInputError(
+            f"policy python:{path}", "the file does not exist", "Use the path of an existing Python file"
+        )
     folder = str(path.resolve().parent)
     if folder not in sys.path:
         sys.path.insert(0, folder)  # as Python does for a script, so that the file can import modules in its folder
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look up the module of their class here
+    sys.modules[spec.name] = module  # dataclasses look up the module of their class in sys.modules
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         raise InvalidInputError(
-            f"policy python:{path}", f"it cannot be loaded: {described(error)}", "Correct the file"
+            f"policy python:{path}", f"the file cannot be loaded: {described(error)}", "Correct the error in the file"
         ) from error
     return module
 
@@ -152,7 +159,10 @@ def _rest(text: str) -> str:
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    """Read an address whose options are arguments for the user's class. They are checked when the class is loaded."""
+    """Parse an address whose options are arguments of the user's class.
+
+    The class checks them when it is instantiated.
+    """
     _parts(_rest(text))
     return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
 

@@ -1,4 +1,4 @@
-"""Random walk, to measure the success rate of random actions."""
+"""Policy kind ``random``: a random walk. It shows what success rate random actions reach."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class Random:
-    """Seeded random walk in velocity, so that the robot covers some distance.
+    """Policy that performs a random walk with a seed. Its velocity is random, so the robot covers some distance.
 
-    In an action space of absolute joint angles, the walk starts at the measured angles and moves by at most
-    :data:`~betterbench.interface.actions.JOINT_STEP_PER_UNIT_RAD` per step and joint.
+    In an action space of absolute joint angles, the walk starts at the measured angles and moves each joint by at most
+    :data:`~betterbench.interface.actions.JOINT_STEP_PER_UNIT_RAD` per step.
     """
 
     info = PolicyInfo("random", needs_images=False)
@@ -41,7 +41,7 @@ class Random:
         self._position: np.ndarray | None = None
 
     def reset(self, start: EpisodeStart) -> None:
-        """Seed the walk with the episode number and the instruction."""
+        """Begin an episode. The random walk is seeded with the episode number and the instruction."""
         digest = hashlib.sha256(f"random|{start.episode}|{start.instruction}".encode()).digest()
         self._draw = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))
         self._space = action_space(start.action_space or EE_DELTA.name)
@@ -50,7 +50,7 @@ class Random:
         self._position = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next step of a random walk in velocity, shape (dim,)."""
+        """Return the next action (dim,) of the random walk."""
         noise = self._draw.standard_normal(len(self._velocity))
         self._velocity = np.clip(0.9 * self._velocity + 0.15 * noise, -1.0, 1.0)
         if self._draw.random() < 0.02:

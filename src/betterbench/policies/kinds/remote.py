@@ -1,4 +1,4 @@
-"""Code shared by the policy kinds that use a preset to connect to a server or load a checkpoint."""
+"""Code shared by the policy kinds that connect to a server or load a checkpoint. These kinds use presets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.interface import Policy
 
 COMMON = (*EXECUTION, *CONNECTION, *ADAPTER)
-"""Options of all servers, and of a checkpoint loaded locally."""
+"""Options that addresses of all policy servers and of local LeRobot checkpoints accept."""
 
 _COUNT = itertools.count()
 
@@ -42,18 +42,19 @@ def register_server(
     constants: bool = True,
     shown: str = "",
 ) -> PolicyKind:
-    """Add a kind of policy server to the registry.
+    """Register a kind of policy server.
 
     Args:
-        scheme: Scheme of its addresses.
-        summary: One sentence that describes the servers.
-        transport: Transport protocol of such a server.
+        scheme: Scheme of the addresses.
+        summary: Description of this kind of server in one sentence.
+        transport: Transport protocol of the servers.
         port: Default port.
-        connect: Returns a connected client after the handshake, given an address and the seed of its retry jitter.
-        usual: Default preset of an address. It is empty if the address must name a preset.
-        options: Options of this kind only.
-        constants: Whether an address may add constants to each request.
-        shown: Form of the address in lists. If empty, scheme, host and port are shown.
+        connect: Function that connects to a server and, after the handshake, returns the client. Its arguments are an
+            address and a seed for the random part of the pauses between attempts.
+        usual: Default preset. Empty if the address must name a preset.
+        options: Options that only this policy kind has.
+        constants: Whether options of an address may add constants to each request.
+        shown: Address as shown in lists. By default, scheme, host and port are shown.
     """
     form = AddressForm(
         scheme=scheme,
@@ -64,7 +65,8 @@ def register_server(
     )
 
     def make(address: PolicyAddress) -> Policy:
-        # Each client gets its own seed for the jitter of retries; results do not depend on it.
+        # Each client gets its own seed for the random part of pauses between attempts. Results do not depend on the
+        # seed.
         return connect(address, 1_000_003 * os.getpid() + next(_COUNT))
 
     def answers_in(address: PolicyAddress) -> str | None:
@@ -85,9 +87,9 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space of the answers in the address's world, or None if the address does not determine it.
+    """Return the action space that a policy has in the benchmark for which its address was parsed.
 
-    ``usual`` is the default preset. Raises the errors of
+    Return None if the address does not determine it. ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.
     """
     from betterbench.policies.conventions.presets import adapter_of, preset
@@ -98,7 +100,7 @@ def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
 
 
 def require_own_layout(address: PolicyAddress, world: str) -> None:
-    """Raise InvalidInputError for a preset that converts our scenes to another world's conventions."""
+    """Raise InvalidInputError if the preset in an address converts betterbench's scenes to LIBERO's conventions."""
     from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
     from betterbench.policies.conventions.presets import UNTRANSLATED
 
@@ -106,8 +108,9 @@ def require_own_layout(address: PolicyAddress, world: str) -> None:
     if named in UNTRANSLATED:
         raise InvalidInputError(
             "--policy",
-            f"the preset {named} converts our scenes to LIBERO's conventions, but this run uses {world}'s own scenes",
-            f"Give preset={UNTRANSLATED[named]}"
+            f"the preset {named} converts betterbench's own scenes to LIBERO's conventions, but this run uses "
+            f"{world}'s own scenes",
+            f"Use preset={UNTRANSLATED[named]}"
             if world == "LIBERO"
-            else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",
+            else f"Use preset=NAME ({', '.join(CALVIN_PRESETS)})",
         )

@@ -1,4 +1,4 @@
-"""Open-loop replay of the actions of a recorded trial."""
+"""Policy kind ``replay``: open-loop replay of the actions recorded in another run."""
 
 from __future__ import annotations
 
@@ -17,13 +17,19 @@ if TYPE_CHECKING:
 
 
 class Replay:
-    """Replay of the record with the same seed in another run. The record is of the same condition, or else of its twin.
+    """Policy that replays the actions of a record from another run.
 
-    After the end of the record, the policy holds still.
+    The record has the same seed as the current trial and, if possible, the same condition. If the other run has no such
+    record, the record of the training twin is replayed (the training trial with the same seed). After the last recorded
+    action, the robot stays still.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
-        """Load the actions. Raises InvalidInputError if the run lacks both records, or no folder is given."""
+        """Load the recorded actions.
+
+        Raises InvalidInputError if the run contains neither a record of the trial nor one of its training twin, or if
+        no run folder is given.
+        """
         from betterbench.records import RunFolder
 
         if not folder:
@@ -41,13 +47,16 @@ class Replay:
         if self._actions is None:
             raise InvalidInputError(
                 f"policy replay:{folder}",
-                f"the run has no record of {task} {condition} or {base} with seed {seed}",
-                "Evaluate a policy with that seed in that run first",
+                f"the run has no record of {task} with condition {condition} or {base} and seed {seed}",
+                "First evaluate a policy with this seed in that run",
             )
         self.info = PolicyInfo(f"replay:{folder}", action_space=self._space, needs_images=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Go back to the first action. Raises InvalidInputError if run and record use different action spaces."""
+        """Begin the replay with the first action.
+
+        Raises InvalidInputError if the record uses a different action space than the run.
+        """
         if start.action_space != self._space:
             from betterbench.policies.conventions.handshake import space_cure
 
@@ -58,10 +67,10 @@ class Replay:
             )
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the recorded action for this step, or stay still after the last recorded action."""
+        """Return the recorded action for this step. After the last one, return an action that keeps the robot still."""
         actions = self._actions
         if actions is None:
-            raise AssertionError("the constructor has loaded the actions")
+            raise AssertionError("unreachable: the constructor loads the actions")
         if observation.step < len(actions):
             return np.array(actions[observation.step])
         still = np.zeros(actions.shape[1])
@@ -83,7 +92,10 @@ def _read(text: str, world: str) -> PolicyAddress:
 
 
 def _describe(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations known before a trial. The action space depends on each record."""
+    """Return the description of a replay policy, as far as it is known before a trial.
+
+    The action space is left empty, since it depends on the record.
+    """
     from betterbench.records import RunFolder
 
     RunFolder.open(Path(address.target))
@@ -93,7 +105,7 @@ def _describe(address: PolicyAddress) -> PolicyInfo:
 def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> Replay:
     del scene
     if trial is None:
-        raise address.error("it can only replay the trials of a run", "Use it with better eval")
+        raise address.error("a replay policy can only replay trials of a run", "Use it with better eval")
     base = trial.base_condition or trial.condition
     return Replay(address.target, task=trial.task, condition=trial.condition, base=base, seed=trial.seed)
 

@@ -1,4 +1,4 @@
-"""Websocket servers of starVLA."""
+"""Policy kind ``starvla``: websocket servers of starVLA."""
 
 from __future__ import annotations
 

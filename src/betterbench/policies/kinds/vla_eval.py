@@ -1,4 +1,4 @@
-"""Model servers of vla-evaluation-harness."""
+"""Policy kind ``vla-eval``: model servers of vla-evaluation-harness."""
 
 from __future__ import annotations
 

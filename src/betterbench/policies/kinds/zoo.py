@@ -1,4 +1,4 @@
-"""Policy kind of the faulty policies ("zoo"). Each has one known fault. They calibrate the diagnosis."""
+"""Policy kind ``zoo``: faulty policies, each with one known fault. They calibrate the diagnosis."""
 
 from betterbench.policies.experts.address import ZOO_FORM
 from betterbench.policies.kinds.privileged import register_privileged

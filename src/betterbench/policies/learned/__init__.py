@@ -1,7 +1,7 @@
-"""Learned policies, with their inputs, networks and checkpoints.
+"""Learned policies: their inputs, networks and checkpoints.
 
 Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch. :mod:`loading`
-imports them on demand.
+imports these modules on demand.
 """
 
 from betterbench.policies.learned.loading import is_seeing, learned_info, make_learned, make_seeing

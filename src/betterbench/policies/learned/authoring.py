@@ -1,4 +1,4 @@
-"""Imports for a file that adds a learner (see docs/adding-a-learner.md). Needs torch."""
+"""Public names for a file that adds a learner (see docs/adding-a-learner.md). Importing them requires torch."""
 
 from betterbench.policies.learned.families import Capacity, learner
 from betterbench.policies.learned.network import LearnerNetwork

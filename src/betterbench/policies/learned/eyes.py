@@ -1,4 +1,4 @@
-"""Image inputs for a learner of the ``pixels`` family: cropped and scaled camera images of a scene."""
+"""Image inputs for a learner of the ``pixels`` family: camera images that are cropped and scaled."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from betterbench.policies.learned.recipe import Eyes
 
 
 def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the input images of a learner, (views, size, size, 3) uint8, from upright images by camera.
+    """Return the input images of a learner, (views, size, size, 3) uint8, given upright camera images by camera name.
 
-    Each pixel is the mean over the part of the camera image that it covers. At scale one, pixels are copied.
-
-    Raises InvalidInputError if a camera is missing, or an image has another size than in the recipe's observation.
+    Each pixel is the mean of the area that it covers in the camera image. If no scaling is needed, pixels are copied.
+    Raises InvalidInputError if the image of a camera is missing or does not have the size that the observation preset
+    in the recipe prescribes.
     """
     known = {camera.name: camera for camera in observation_spec(eyes.observation).cameras}
     found = np.empty((len(eyes.windows), eyes.size, eyes.size, 3), np.uint8)
@@ -28,7 +28,7 @@ def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
             raise InvalidInputError(
                 f"camera {view.camera}",
                 f"the images are {shown}, but the learner was trained with {spec.width} x {spec.height}",
-                f"Give --observation {eyes.observation}",
+                f"Use --observation {eyes.observation}",
             )
         left, top, right, bottom = view.window
         box = (left * spec.width, top * spec.height, right * spec.width, bottom * spec.height)

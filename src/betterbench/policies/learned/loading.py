@@ -1,4 +1,4 @@
-"""Checkpoints of addresses (``learned:CHECKPOINT?execute=4``), and policies that act with them."""
+"""Loading of the checkpoint that a policy address names (``learned:CHECKPOINT?execute=4``) and of the policy."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ _MOST_HEADER = 1 << 24
 
 
 def is_seeing(address: PolicyAddress) -> bool:
-    """Return whether the learner at an address uses observations, as in the family ``pixels``.
+    """Return whether the learner at an address uses observations, as learners of the family ``pixels`` do.
 
-    Returns False if the checkpoint is missing, damaged or of an unknown family. Loading it then raises an error.
+    The result is also False if the checkpoint is missing, damaged or of an unknown family. Loading such a checkpoint
+    raises an error later.
     """
     path = checkpoint_of(address)
     try:
@@ -39,7 +40,7 @@ def is_seeing(address: PolicyAddress) -> bool:
 
 
 def learned_info(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations of a learned policy.
+    """Return the description of a learned policy.
 
     Raises:
         MissingDependencyError: If torch or safetensors is not installed.
@@ -50,7 +51,7 @@ def learned_info(address: PolicyAddress) -> PolicyInfo:
 
 
 def make_learned(address: PolicyAddress, instruction: str, seed: int) -> PrivilegedPolicy:
-    """Return a learned policy for one episode. Raises the errors of :func:`learned_info`."""
+    """Create a learned policy for one episode. Raises the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import LearnedPolicy  # noqa: PLC0415 - needs torch
 
@@ -59,7 +60,7 @@ def make_learned(address: PolicyAddress, instruction: str, seed: int) -> Privile
 
 
 def make_seeing(address: PolicyAddress) -> SeeingPolicy:
-    """Return a learned policy that uses observations. Raises the errors of :func:`learned_info`."""
+    """Create a learned policy that uses observations. Raises the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import SeeingPolicy  # noqa: PLC0415 - needs torch
 
@@ -67,9 +68,9 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon given by the address or else by the recipe.
+    """Return the execution horizon. The address determines it or, without such an option, the training recipe.
 
-    Raises InvalidInputError if the chunk has fewer actions.
+    Raises InvalidInputError if a chunk has fewer actions than the execution horizon.
     """
     recipe, given = learner.trained.recipe, address.options.get("execute")
     if given is None:
@@ -77,13 +78,13 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
     if not given.isdecimal() or not 1 <= int(given[:9]) <= recipe.chunk:
         raise address.error(
             f"execute={given} is out of range",
-            f"Give a number from 1 to {recipe.chunk}, the number of actions per chunk",
+            f"Use a number from 1 to {recipe.chunk}, which is the number of actions per chunk",
         )
     return int(given)
 
 
 def checkpoint_of(address: PolicyAddress) -> Path:
-    """Return an address's file, or the checkpoint in its folder."""
+    """Return the path of the checkpoint file. The address may name the file or its folder."""
     try:
         path = Path(address.target).expanduser()
     except RuntimeError as error:
@@ -93,7 +94,7 @@ def checkpoint_of(address: PolicyAddress) -> Path:
 
 @functools.lru_cache(maxsize=64)
 def _family(path: Path, changed_ns: int, size: int) -> str | None:
-    """Return the family in the header of a checkpoint, without torch, or None if the header has none."""
+    """Return the family named in the header of a checkpoint, or None if there is none. This does not need torch."""
     del changed_ns  # only part of the cache key
     try:
         with open_ordinary(path) as file:
@@ -107,7 +108,7 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
 
 
 def load_learner(address: PolicyAddress) -> Learner:
-    """Return a checkpoint's learner, cached in this process until the file changes.
+    """Return the learner of a checkpoint. The learner is kept in memory until the file changes.
 
     Raises the errors of :func:`learned_info`.
     """
@@ -117,7 +118,7 @@ def load_learner(address: PolicyAddress) -> Learner:
         found = path.stat()
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
-        raise InvalidInputError(str(path), problem, "Give a folder written by better train") from error
+        raise InvalidInputError(str(path), problem, "Use a folder written by better train") from error
     return _loaded(path.absolute(), found.st_mtime_ns, found.st_size)
 
 
@@ -130,7 +131,10 @@ def _loaded(path: Path, changed_ns: int, size: int) -> Learner:
 
 
 def require_torch(what: str) -> None:
-    """Raise MissingDependencyError if torch or safetensors is not installed."""
+    """Raise MissingDependencyError if torch or safetensors is not installed.
+
+    ``what`` is the name of the feature that needs them, which the error message contains.
+    """
     try:
         import safetensors.torch  # noqa: F401, PLC0415
         import torch  # noqa: F401, PLC0415

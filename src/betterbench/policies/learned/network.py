@@ -1,4 +1,4 @@
-"""Learner networks: base class, transformer of both built-in families, and ``objects`` network."""
+"""Networks of learners: the base class, the transformer of the built-in families, and the network of ``objects``."""
 
 from __future__ import annotations
 
@@ -19,26 +19,29 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Length scales by which object positions relative to the tool are divided for the learner [m]."""
+"""Lengths by which the positions of objects relative to the tool are divided before they enter the network [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wavelengths of the sine and cosine features of these positions [m], chosen to resolve millimeters."""
+"""Wavelengths of sine and cosine features of the positions of objects relative to the tool [m].
+
+They are short enough to resolve millimeters.
+"""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
 
 
 _Memory = tuple[Tensor, Tensor]
-"""Keys and values of one layer's tokens."""
+"""Keys and values that one layer computes for its tokens."""
 
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """Inputs for a batch of B samples, common to all families.
+    """Inputs for a batch of B samples that all families of learners have in common.
 
     Attributes:
-        words: (B, w) int64 word indices of the instruction, at most MOST_WORDS words.
-        tools: (B, history, 10) float32, states of the tool, the present state first.
-        blind: (B,) bool, True for samples without state, or None if all samples have a state.
+        words: (B, w) int64 indices of the words of each instruction, with w at most MOST_WORDS.
+        tools: (B, history, 10) float32 states of the tool, of which the present state comes first.
+        blind: (B,) bool, True for samples from which the tool states are removed. None if no sample lacks them.
     """
 
     words: Tensor
@@ -48,13 +51,13 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """Inputs for a batch in the ``objects`` family, with at most n objects per sample.
+    """Inputs for a batch of learners in the ``objects`` family, with at most n objects per sample.
 
     Attributes:
-        poses: (B, n, 9) float32.
-        sizes: (B, n, 3) float32.
-        categories: (B, n) int64, or :data:`ABSENT` where there is no object.
-        colors: (B, n) int64.
+        poses: (B, n, 9) float32 poses of the objects.
+        sizes: (B, n, 3) float32 extents of the objects.
+        categories: (B, n) int64 indices of the categories, or :data:`ABSENT` where there is no object.
+        colors: (B, n) int64 indices of the colors.
     """
 
     poses: Tensor
@@ -65,9 +68,10 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch, with inputs in which the question replaces the instruction, and answers.
+    """Batch of questions with the correct answers.
 
     Attributes:
+        shown: Inputs of the batch. The words of the question take the place of the instruction.
         answers: (B,) int64 indices of the correct answers.
     """
 
@@ -77,12 +81,12 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Encodings of the U distinct instructions in a batch, constant during an episode.
+    """Encodings of the U distinct instructions in a batch. They stay the same during an episode.
 
     Attributes:
         words: (U, w, width) tokens of the words.
-        told: (U, w) bool, False for padding.
-        which: (B,) index of each sample's instruction.
+        told: (U, w) bool, True for words and False for padding.
+        which: (B,) index of the distinct instruction that each sample has.
         memories: Keys and values of the words in each layer, each (U, heads, w, head width).
     """
 
@@ -93,7 +97,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """Transformer layer with normalization before attention and before the two linear maps."""
+    """Transformer layer that normalizes its input before the attention and again before the two linear maps."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -104,12 +108,12 @@ class _Block(nn.Module):
         self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
 
     def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
-        """Return the tokens of the next layer, with keys and values for other tokens.
+        """Return the tokens after this layer, and the keys and values to which other tokens may attend.
 
         Args:
-            tokens: (B, n, width).
-            seen: (B, 1, 1, m + n) bool attention mask.
-            before: Keys and values of m preceding tokens, each (B, heads, m, head width).
+            tokens: (B, n, width) tokens before this layer.
+            seen: (B, 1, 1, m + n) bool attention mask, True for tokens that may be attended to.
+            before: Keys and values of m preceding tokens, each (B, heads, m, head width), or None.
         """
         batch, length, width = tokens.shape
         parts = self.queries_keys_values(self.before_attention(tokens))
@@ -129,16 +133,16 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners: it maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
+    """Base class of learners' networks, which map a batch of inputs to chunks of normalized actions, (B, chunk, 7).
 
-    A family creates its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`.
+    A family creates its modules in :meth:`build` and computes one vector per sample from the inputs in :meth:`summary`.
     The head that maps this vector to actions, the losses, and the answers to questions are the same for all families.
 
     Attributes:
-        recipe: Recipe of the training. ``recipe.size`` is the capacity.
-        options: Family options.
-        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Similar buffers exist for
-            actions, (7,), and for the inputs given to :meth:`keep_scale`.
+        recipe: Training recipe. ``recipe.size`` is the size of the transformer.
+        options: Options of the family.
+        tool_mean, tool_scale: (10,) mean and scale of the tool state in the training data. There are similar buffers
+            for actions, (7,), and for the inputs that are passed to :meth:`keep_scale`.
     """
 
     tool_mean: Tensor
@@ -153,7 +157,7 @@ class LearnerNetwork(nn.Module):
         taken = sorted(_TAKEN & self._modules.keys())
         if taken:
             problem = f"the module name {taken[0]!r} is reserved, because every learner has it"
-            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Rename it")
+            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Choose another name")
         width = recipe.size.width
         numbers = recipe.chunk * ACTION_NUMBERS
         extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
@@ -167,27 +171,30 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make the family's modules, with initial weights from torch's own generator."""
+        """Create the modules of the family. The initial weights are drawn from torch's global random generator."""
         raise NotImplementedError(f"{type(self).__name__} must implement build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
-        """Return one vector for each sample, (B, width).
+        """Return one vector per sample as a (B, width) tensor.
 
         Args:
             shown: Inputs of the batch.
-            heard: Result of :meth:`hear` for the batch's words, if already computed.
+            heard: Result of :meth:`hear` for the words of the batch, or None if it has not been computed.
         """
         raise NotImplementedError(f"{type(self).__name__} must implement summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return an encoding of instructions, (B, w) int64, that is cached during an episode, or None for no encoding.
+        """Return an encoding of instructions, (B, w) int64, that can be cached during an episode.
 
-        The encoding is passed to each :meth:`answer` of the episode.
+        The encoding is passed to every call of :meth:`answer` in the episode. If the result is None, nothing is cached.
         """
         del words
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by freezable part of the network. By default, each module is a part."""
+        """Return the parameters of each part of the network that recipes can freeze.
+
+        By default, each module is a part.
+        """
         found: dict[str, list[nn.Parameter]] = {}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -195,10 +202,11 @@ class LearnerNetwork(nn.Module):
         return found
 
     def keep_scale(self, name: str, count: int) -> None:
-        """Store the mean and scale of training data values with the weights.
+        """Store the mean and scale that an input has in the training data as buffers of the network.
 
-        Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7). Tool and action are always
-        stored. Raises InvalidInputError for other names.
+        ``name`` is ``tool`` (10 numbers), ``position`` for the positions of objects (3 numbers), or ``action`` (7
+        numbers). The buffers for ``tool`` and ``action`` always exist. Raises InvalidInputError for any other name or
+        count.
         """
         if _SCALES.get(name) != count:
             known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
@@ -208,23 +216,26 @@ class LearnerNetwork(nn.Module):
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the summary. Raises InvalidInputError if a user's learner fails, or returns another shape or type."""
+        """Call :meth:`summary` and check its result.
+
+        Raises InvalidInputError if a learner defined by a user fails or returns a wrong shape or type.
+        """
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
         wanted = (len(shown.words), self.recipe.size.width)
         if not isinstance(found, Tensor) or found.shape != wanted:
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             problem = f"its summary returns {given}, expected (batch, width) = {wanted}"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct summary")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct the method summary")
         if found.dtype != self.action_mean.dtype:
             problem = f"its summary returns {found.dtype}, expected {self.action_mean.dtype}"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert it")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert the result")
         return found
 
     def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the result of :meth:`answer`.
+        """Call :meth:`answer` and check its result.
 
-        Raises InvalidInputError if a user's learner raises an error, or its answer has the wrong shape.
+        Raises InvalidInputError if a learner defined by a user fails or returns a wrong shape.
         """
         with explaining("family", self.recipe.family):
             found = self.answer(shown, noise, heard)
@@ -232,7 +243,7 @@ class LearnerNetwork(nn.Module):
         if not isinstance(found, Tensor) or found.shape != wanted:
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             problem = f"its answer returns {given}, expected (batch, chunk, 7) = {wanted}"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct answer")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct the method answer")
         return found
 
     def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
@@ -240,13 +251,13 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            actions: (B, chunk, 7) actions of the demonstrators.
-            counted: (B, chunk) bool, False after the end of a demonstration.
+            actions: (B, chunk, 7) actions of the demonstrations.
+            counted: (B, chunk) bool, True for actions of the demonstration and False after its end.
         """
         wanted = (actions - self.action_mean) / self.action_scale
         summary = self._gathered(shown)
         if self.recipe.loss == "flow":
-            # flow times are drawn from Beta(1.5, 1) as in GR00T N1, so most samples are close to pure noise
+            # The times are drawn from Beta(1.5, 1) as in GR00T N1, so most samples are close to pure noise.
             times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
             noise = torch.randn_like(wanted)
             between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
@@ -257,14 +268,14 @@ class LearnerNetwork(nn.Module):
         return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
 
     def reply(self, shown: ShownBatch) -> Tensor:
-        """Return the logits of the answers to the questions in a batch, (B, answers)."""
+        """Return the logits of the answers to the questions in a batch as a (B, answers) tensor."""
         found: Tensor = self.answers(self._gathered(shown))
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step, computed in ``forward`` so that several processes share gradients.
+        """Return the loss of a training step. It is computed in this method so that several processes share gradients.
 
-        Each question has the same weight as each frame with actions. Its loss is the cross-entropy.
+        For a question, the loss is the cross-entropy. Each question has the same weight as a frame with actions.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:
@@ -277,8 +288,8 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            noise: (B, chunk, 7) initial noise of a flow-matching learner.
-            heard: Result of :meth:`hear` for the batch's words, if already computed.
+            noise: (B, chunk, 7) noise from which a flow-matching learner generates actions.
+            heard: Result of :meth:`hear` for the words of the batch, or None if it has not been computed.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
@@ -301,22 +312,22 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """Transformer over tokens of words, tool states and a family's inputs.
+    """Transformer whose tokens represent the words, the tool states, and the further inputs of a family.
 
-    The built-in families differ only in the encoder that maps their inputs to tokens. The modules created by
-    :meth:`open_eyes` are named parts, which a recipe can freeze.
+    The built-in families differ only in the encoder that converts their inputs to tokens. A recipe can freeze the
+    modules that :meth:`open_eyes` creates by name.
     """
 
     state: nn.ModuleDict
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make embeddings, input encoders and layers."""
+        """Create the embeddings, the input encoders and the layers."""
         recipe, size, words = self.recipe, self.recipe.size, vocabulary.sizes()[0]
         width = size.width
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
         self.open_eyes(width, vocabulary)
-        # unused modules are not created, because they would have no gradient
+        # Modules that would not be used are not created, because they would not get a gradient.
         if self.given:
             self.state = nn.ModuleDict(
                 {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
@@ -332,21 +343,21 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Create the input encoder of this family, and store the scales that it needs."""
+        """Create the input encoder of this family, and the buffers for the scales that it needs."""
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return tokens of the inputs, (B, n, width), and a mask of existing tokens, (B, n) bool.
+        """Return tokens for the inputs of the family, (B, n, width), and a mask (B, n) that is True for real tokens.
 
         Args:
             shown: Inputs of the batch.
             words: (U, w, width) tokens of the distinct instructions.
-            told: (U, w) bool, False for padding.
-            which: (B,) index of each sample's instruction.
+            told: (U, w) bool, True for words and False for padding.
+            which: (B,) index of the distinct instruction that each sample has.
         """
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by freezable part of the network."""
+        """Return the parameters of each part of the network that recipes can freeze."""
         found: dict[str, list[nn.Parameter]] = {"words": [], "state": [], "trunk": [], "head": []}
         home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
         for name, parameter in self.named_parameters():
@@ -355,7 +366,7 @@ class TokenNetwork(LearnerNetwork):
         return found
 
     def hear(self, words: Tensor) -> Heard:
-        """Return an encoding of instructions, (B, w) int64, for each :meth:`answer`."""
+        """Return an encoding of instructions, (B, w) int64, that every call of :meth:`answer` can use."""
         tokens, told, which = self._instructions(words)
         memories, seen = [], told[:, None, None, :]
         heard = tokens
@@ -365,7 +376,7 @@ class TokenNetwork(LearnerNetwork):
         return Heard(tokens, told, which, tuple(memories))
 
     def summary(self, shown: ShownBatch, heard: Heard | None = None) -> Tensor:
-        """Return the output of the readout token, (B, width)."""
+        """Return the output of the readout token as a (B, width) tensor."""
         batch = shown.words.shape[0]
         words, told, which = (
             self._instructions(shown.words) if heard is None else (heard.words, heard.told, heard.which)
@@ -390,9 +401,10 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return a batch's distinct instructions, the mask of their words, and each sample's instruction index.
+        """Return the tokens of the distinct instructions in a batch, a mask of their words, and an index per sample.
 
-        Words attend only to words, so each instruction is encoded once for all samples.
+        The index says which of the distinct instructions the sample has. Words attend only to words, so each distinct
+        instruction is encoded only once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)
@@ -401,16 +413,16 @@ class TokenNetwork(LearnerNetwork):
 
 
 class ObjectsNetwork(TokenNetwork):
-    """Network of ``objects``, with one token per object.
+    """Network of the ``objects`` family, with one token per object.
 
-    There is no position encoding, so the order of objects does not matter.
+    Objects have no position encoding, so their order does not matter.
     """
 
     position_mean: Tensor
     position_scale: Tensor
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the object encoder."""
+        """Create the encoder of objects."""
         _, categories, colors = vocabulary.sizes()
         self.objects = nn.ModuleDict(
             {
@@ -422,7 +434,7 @@ class ObjectsNetwork(TokenNetwork):
         self.keep_scale("position", 3)
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per object, and the mask of existing objects."""
+        """Return one token per object, and a mask that is True for objects that exist."""
         del words, told, which
         if not isinstance(shown, ObjectsBatch):
             raise TypeError("ObjectsNetwork needs an ObjectsBatch")
@@ -430,7 +442,7 @@ class ObjectsNetwork(TokenNetwork):
         return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
 
     def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
-        """Return pose and size of each object and, if the tool state is given, the position relative to the tool."""
+        """Return the pose and size of each object. If tool states are given, add the position relative to the tool."""
         positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
         numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
         if self.given:

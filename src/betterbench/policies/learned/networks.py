@@ -1,4 +1,4 @@
-"""Construction of a recipe's network, for any family."""
+"""Creation of the network that a recipe describes, for any family."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ _OWN: dict[str, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": Pi
 
 
 def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
-    """Return the network of a recipe, with random weights from torch's own generator.
+    """Create the network that a recipe describes. The weights are drawn from torch's global random generator.
 
     Raises:
-        InvalidInputError: If a user's file fails to make the network.
+        InvalidInputError: If the code in a user's file does not create a usable network.
     """
     network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
     where = f"learner {recipe.family!r}"
     if not isinstance(network, LearnerNetwork):
         raise InvalidInputError(
-            where, f"expected a LearnerNetwork, got {type(network).__name__}", "Derive it from LearnerNetwork"
+            where, f"expected a LearnerNetwork, got {type(network).__name__}", "Derive the class from LearnerNetwork"
         )
     first: dict[int, str] = {}
     for name, tensor in network.state_dict().items():
         if not isinstance(tensor, Tensor):
             raise InvalidInputError(
-                where, f"its saved state {name} is not a tensor", "Store it as a buffer or an option"
+                where, f"the saved state {name} is not a tensor", "Store this state as a buffer or an option"
             )
         if isinstance(tensor, UninitializedTensorMixin):
             raise InvalidInputError(where, f"the shape of {name} is unknown", "Do not use lazy modules")
@@ -39,9 +39,13 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
             continue
         if (other := first.setdefault(tensor.data_ptr(), name)) != name:
             raise InvalidInputError(
-                where, f"its weights {other} and {name} are the same tensor", "Register the tensor under one name"
+                where, f"the weights {other} and {name} are the same tensor", "Register the tensor under one name"
             )
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)
     if missing is not None:
-        raise InvalidInputError(where, f"its network has no part {missing!r}", "Correct its parts, or the recipe")
+        raise InvalidInputError(
+            where,
+            f"the network has no part {missing!r}, which the recipe freezes",
+            "Correct the parts of the network, or the recipe",
+        )
     return network

@@ -1,4 +1,4 @@
-"""Network of the ``pixels`` family: a strided convolutional network with FiLM. Its key points become tokens."""
+"""Network of the ``pixels`` family: a convolutional network with FiLM layers, whose key points become tokens."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _KERNELS, _STRIDES = (5, 3, 3, 3), (2, 2, 2, 1)
 
 @dataclass(slots=True, kw_only=True)
 class PicturesBatch(ShownBatch):
-    """Inputs for a batch in the ``pixels`` family, with V views per sample.
+    """Inputs for a batch of learners in the ``pixels`` family, with V views per sample.
 
     Attributes:
-        pictures: (B, V, size, size, 3) uint8.
-        light: (B, 2) float32, changes of contrast and brightness, or None for no change.
+        pictures: (B, V, size, size, 3) uint8 images.
+        light: (B, 2) float32 random changes of contrast and brightness, or None to leave the images unchanged.
     """
 
     pictures: Tensor
@@ -30,7 +30,7 @@ class PicturesBatch(ShownBatch):
 
 
 class _Convolutions(nn.Module):
-    """Convolutions with FiLM that turn each image into one token."""
+    """Convolutional network with FiLM that turns each image into one token."""
 
     def __init__(self, width: int, views: int) -> None:
         super().__init__()
@@ -46,14 +46,15 @@ class _Convolutions(nn.Module):
         self.view = nn.Embedding(views, width)
 
     def forward(self, pictures: Tensor, asked: Tensor, which: Tensor) -> Tensor:
-        """Return tokens, (P, width).
+        """Return one token per image as a (P, width) tensor.
 
         Args:
-            pictures: (P, 3, size, size), with channels-last memory layout.
-            asked: (U, width) encodings of the distinct instructions.
-            which: (P,) index of each image's instruction.
+            pictures: (P, 3, size, size) images in channels-last memory layout.
+            asked: (U, width) encodings of the U distinct instructions.
+            which: (P,) index of the distinct instruction that belongs to each image.
         """
-        # no normalization in the first layer: its feature map is the largest, so it would take most of the time
+        # The first layer has no normalization: its feature map is the largest, so normalizing it would take most of the
+        # time.
         seen = functional.relu(self.layers[0](pictures))
         for film, layer in zip(self.film, self.layers[1:], strict=True):
             scale, shift = film(asked)[which][..., None, None].chunk(2, dim=1)
@@ -64,20 +65,20 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network for ``pixels``, with one token per view. It contains the key points of a convolutional network.
+    """Network of the ``pixels`` family. A convolutional network finds key points in each view, which form one token.
 
-    The words scale and shift each channel (FiLM, Perez et al. 2018). A channel's output is the mean position of its
-    softmax over the image and the peak value (spatial softmax, Levine et al. 2016, "End-to-End Training of Deep
-    Visuomotor Policies"). All views share the same net.
+    The words of the instruction scale and shift each channel (FiLM, Perez et al. 2018). The output of a channel is the
+    mean position under its softmax over the image, together with its peak value (spatial softmax, Levine et al. 2016,
+    "End-to-End Training of Deep Visuomotor Policies"). All views share the same convolutional network.
     """
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the convolution net and the encoder for its key points."""
+        """Create the convolutional network and the encoder of its key points."""
         del vocabulary
         self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per view. No view is masked."""
+        """Return one token per view. All views exist, so the mask is True for every view."""
         if not isinstance(shown, PicturesBatch):
             raise TypeError("PixelsNetwork needs a PicturesBatch")
         batch, views = shown.pictures.shape[:2]
@@ -88,7 +89,10 @@ class PixelsNetwork(TokenNetwork):
         return points.view(batch, views, -1) + self.eyes.view.weight, told.new_ones(batch, views)
 
     def _light(self, shown: PicturesBatch) -> Tensor:
-        """Return images as zero-centered floats, with random contrast and brightness per sample."""
+        """Convert images to floats centered at zero.
+
+        If requested, change the contrast and brightness of each sample randomly.
+        """
         values = shown.pictures.to(torch.float32).mul_(1.0 / 64.0).sub_(2.0)
         if shown.light is not None:
             contrast, brightness = shown.light[:, :, None, None, None, None].unbind(dim=1)
@@ -97,13 +101,20 @@ class PixelsNetwork(TokenNetwork):
 
 
 def channels_of(width: int) -> tuple[int, int, int, int]:
-    """Return the channel counts of the convolution layers for a given token width."""
+    """Return the number of channels of each convolutional layer, given the width of tokens."""
     sixth = max(_GROUPS, width // 6 // _GROUPS * _GROUPS)
     return sixth, 2 * sixth, 4 * sixth, 6 * sixth
 
 
 def key_points(seen: Tensor) -> Tensor:
-    """Return position (x, y from -1 to 1) and peak of each channel, (B, 3 C), from (B, C, height, width)."""
+    """Return the mean position (x, y from -1 to 1) and the peak value of each channel of a feature map.
+
+    Args:
+        seen: Feature map (B, C, height, width).
+
+    Returns:
+        Tensor (B, 3 C) with all x, then all y, then all peak values.
+    """
     batch, channels, height, width = seen.shape
     x, y = (torch.linspace(-1.0, 1.0, count, device=seen.device) for count in (width, height))
     flat = seen.flatten(2)

@@ -1,4 +1,4 @@
-"""Policies that act with a checkpoint, from the state or from images, depending on the family."""
+"""Policies that act with the checkpoint of a learner. Depending on the learner's family, they use states or images."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from betterbench.tasks.user_files import explaining
 SeenT = TypeVar("SeenT")
 
 KEPT_INSTRUCTIONS = 64
-"""Number of instructions whose encodings a learner caches."""
+"""Number of instructions whose encodings a learner keeps in memory."""
 
 
 class Learner:
-    """Loaded network of a learner, shared between episodes.
+    """Trained network in memory, which several episodes share.
 
     Attributes:
-        trained: Its checkpoint's metadata.
-        fingerprint: SHA-256 of the checkpoint's file. It is empty during training.
+        trained: Metadata of the checkpoint.
+        fingerprint: SHA-256 of the checkpoint file. Empty during training.
     """
 
     def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
@@ -44,17 +44,17 @@ class Learner:
 
     @classmethod
     def load(cls, path: Path) -> Learner:
-        """Read a checkpoint. Raises the errors of :func:`read_checkpoint`."""
+        """Load a checkpoint. Raises the errors of :func:`read_checkpoint`."""
         network, trained = read_checkpoint(path)
-        # One thread, because sums over several threads differ in the last bits, and results must not depend on the
-        # machine's load.
+        # A single thread is used, because sums over several threads differ in the last bits, and results must not
+        # depend on how busy the machine is.
         torch.set_num_threads(1)
         return cls(network, trained, file_digest(path))
 
     def info(self, address: str, *, execute: int) -> PolicyInfo:
-        """Return the learner's declarations under an address.
+        """Return the description of the learner as a policy with the given address.
 
-        ``execute`` is the number of actions executed per chunk.
+        ``execute`` is the number of actions of each chunk that are executed.
         """
         recipe = self.trained.recipe
         about = {
@@ -76,11 +76,11 @@ class Learner:
         )
 
     def chunk(self, shown: ShownBatch, seed: int) -> np.ndarray:
-        """Return the next actions, (chunk, 7) float64, within the bounds of the action space.
+        """Return the next actions, (chunk, 7) float64, clipped to the bounds of the action space.
 
         Args:
-            shown: A batch of one sample.
-            seed: Seed of the noise of a flow-matching learner.
+            shown: Inputs, as a batch of one sample.
+            seed: Seed of the noise from which a flow-matching learner generates actions.
         """
         noise = None
         if self.trained.recipe.loss == "flow":
@@ -95,7 +95,7 @@ class Learner:
         return limited
 
     def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return the cached encoding of an instruction."""
+        """Return the encoding of an instruction. It is computed once and then cached."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)
         if heard is None:
@@ -107,15 +107,21 @@ class Learner:
         return heard
 
     def batch(self, values: np.ndarray) -> torch.Tensor:
-        """Return an array as a batch of one sample on the network's device."""
+        """Convert an array to a batch of one sample, on the device of the network."""
         return torch.from_numpy(values).unsqueeze(0).to(self._device)
 
 
 class LearnedPolicy:
-    """Policy that runs an ``objects`` learner for one episode and predicts a new chunk every ``execute`` actions."""
+    """Policy that acts with a learner of the family ``objects`` in one episode.
+
+    It predicts a new chunk every ``execute`` actions.
+    """
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Store the instruction. ``episode`` seeds the noise of a flow-matching learner."""
+        """Store the instruction.
+
+        ``episode`` is the seed of the noise from which a flow-matching learner generates actions.
+        """
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None
@@ -124,7 +130,7 @@ class LearnedPolicy:
         self._past = _Past[tuple[np.ndarray, np.ndarray]](learner.trained.recipe)
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,)."""
+        """Return the next action (7,) in the action space ``ee_delta``."""
         learner = self._learner
         if self._things is None:
             self._things = things_of(self._instruction, state.info.objects, learner.trained.vocabulary)
@@ -149,10 +155,13 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """Policy of a ``pixels`` learner. It gets observations like every evaluated policy."""
+    """Policy that acts with a learner of the family ``pixels``. Like policies on servers, it gets observations."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
-        """Prepare the policy. Raises InvalidInputError if its history stride is not a multiple of ``execute``."""
+        """Prepare the policy.
+
+        Raises InvalidInputError if the recipe's history stride is not a multiple of ``execute``.
+        """
         recipe = learner.trained.recipe
         if recipe.history > 1:
             require_asked(recipe.history_stride, execute, f"policy {address}: history_stride")
@@ -163,13 +172,13 @@ class SeeingPolicy:
         self._past = _Past[np.ndarray](recipe)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Reset the history and read the next instruction."""
+        """Begin an episode: clear the history and read the instruction."""
         self._words = self._learner.trained.vocabulary.word_ids(start.instruction)
         self._episode = start.episode
         self._past = _Past(self._learner.trained.recipe)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions in the ``ee_delta`` action space, (chunk, 7)."""
+        """Return the next actions (chunk, 7) in the action space ``ee_delta``."""
         learner, recipe = self._learner, self._learner.trained.recipe
         position, quaternion = np.array([observation.ee_position]), np.array([observation.ee_quaternion])
         tools = tool_numbers(position, quaternion, np.array([observation.gripper_width]))
@@ -182,29 +191,32 @@ class SeeingPolicy:
         return learner.chunk(shown, _noise_seed(self._episode, observation.step))
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Raise InvalidInputError if a run's images differ from the training images."""
+        """Raise InvalidInputError if a run renders other images than those on which the learner was trained."""
         del space, rate_hz
         wanted = self._learner.trained.recipe.eyes.observation
         if observation.name != wanted:
             problem = f"it was trained on the images of {wanted!r}, but the run uses {observation.name!r}"
-            raise InvalidInputError(f"policy {self.info.name}", problem, f"Give --observation {wanted}")
+            raise InvalidInputError(f"policy {self.info.name}", problem, f"Use --observation {wanted}")
 
 
 class _Past(Generic[SeenT]):
-    """Buffer for the inputs of earlier steps, for recipes with a history."""
+    """Inputs from earlier steps, for a learner whose recipe contains a history."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history
         self._seen: OrderedDict[int, SeenT] = OrderedDict()
 
     def keep(self, step: int, seen: SeenT) -> None:
-        """Store a step's input, and drop inputs that are too old."""
+        """Store the input of a step, and drop inputs that are no longer needed."""
         self._seen[step] = seen
         while next(iter(self._seen)) < step - self._stride * (self._history - 1):
             self._seen.popitem(last=False)
 
     def before(self, step: int) -> list[SeenT]:
-        """Return the inputs at a step and before it. The first known input replaces all earlier inputs."""
+        """Return the inputs of a step and of the earlier steps that belong to the history.
+
+        Before the first step, the input of the first step is repeated.
+        """
         wanted = (max(step - k * self._stride, next(iter(self._seen))) for k in range(self._history))
         return [self._seen[max(s for s in self._seen if s <= asked)] for asked in wanted]
 

@@ -1,4 +1,4 @@
-"""Training recipes: all settings that determine a learner's weights."""
+"""Training recipes, which contain all settings that determine the weights of a learner."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Proprioception:
     """Proprioceptive inputs of a learner.
 
     Attributes:
-        given: Whether the learner gets the tool pose, the fingers, and inputs derived from them.
-        noise_m: Standard deviation of noise on the tool's position in training [m].
-        dropout: Fraction of training samples without any proprioception.
+        given: Whether the learner gets the pose of the tool, the opening of the fingers, and inputs computed from them.
+        noise_m: Standard deviation of the noise added to the position of the tool in training [m].
+        dropout: Fraction of training samples from which all proprioceptive inputs are removed.
     """
 
     given: bool = True
@@ -52,13 +52,15 @@ class Proprioception:
 class Augmentation:
     """Random augmentation of training samples.
 
-    The first two settings apply to ``objects``, the last two to ``pixels``.
+    The first two settings apply to the family ``objects``, the last two to the family ``pixels``.
 
     Attributes:
-        object_noise_m: Standard deviation of noise on each object's position [m].
-        shift_m: Half the side length of the square in which tool and all objects are shifted together [m].
-        shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
-        light: Standard deviation of changes in image contrast and brightness, as a fraction of the full range.
+        object_noise_m: Standard deviation of the noise added to the position of each object [m].
+        shift_m: Maximum distance along x and along y by which the tool and all objects are shifted together [m].
+        shift_px: Maximum shift of an image along each axis [pixel]. The uncovered border is filled with the edge
+            pixels. This is equivalent to padding followed by a random crop.
+        light: Standard deviation of random changes to the contrast and brightness of images, as a fraction of the full
+            range.
     """
 
     object_noise_m: _Length = 0.0
@@ -70,35 +72,35 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input of a learner in the ``pixels`` family: a camera image or part of it.
+    """Image input of a learner in the ``pixels`` family, which is the image of a camera or a part of this image.
 
     Attributes:
-        camera: Camera name.
-        window: Left, top, right and bottom edge of the crop, as fractions of the camera image. A window of ``size``
-            pixels is copied one to one, and the complete image is scaled.
+        camera: Name of the camera.
+        window: Left, top, right and bottom edge of the crop, as fractions of the camera image. The crop is scaled to
+            the size of the network's input. A crop of exactly that size is copied pixel by pixel.
     """
 
     camera: str
     window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
 
     def __post_init__(self) -> None:
-        """Reject an empty window."""
+        """Raise an error if the window, which is the part of the image to use, is empty or too small."""
         left, top, right, bottom = self.window
         if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
             problem = f"{list(self.window)} is empty or too small"
-            raise InvalidInputError("window", problem, "Give left, top, right, bottom from 0 to 1")
+            raise InvalidInputError("window", problem, "Write the window as left, top, right, bottom, each from 0 to 1")
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """Image inputs for a learner of the ``pixels`` family.
+    """Image inputs of a learner in the ``pixels`` family.
 
     Attributes:
-        observation: Observation preset with the cameras of the images. Evaluation must use the same preset.
-        views: The images, given as names of cameras or as cameras with windows.
-        size: Side of each image for the network [pixel].
-        quality: Render preset of the training images.
+        observation: Name of the observation preset that contains the cameras. Evaluation must use the same preset.
+        views: Image inputs. Each is given as the name of a camera, or as a camera with a window.
+        size: Side length of each image when it enters the network [pixel].
+        quality: Rendering quality of the training images.
     """
 
     observation: str = "default"
@@ -107,32 +109,34 @@ class Eyes:
     quality: Literal["fast", "standard", "high"] = "standard"
 
     def __post_init__(self) -> None:
-        """Reject a camera that the observation does not contain."""
+        """Raise an error if the observation preset does not contain one of the cameras."""
         try:
             observation_spec(self.observation).only(self.cameras)
         except UnknownNameError as error:
-            raise InvalidInputError("eyes", str(error).rstrip("."), "Give cameras of an observation preset") from error
+            raise InvalidInputError(
+                "eyes", str(error).rstrip("."), "Use cameras that the observation preset contains"
+            ) from error
 
     @property
     def windows(self) -> tuple[View, ...]:
-        """The images as cameras with windows."""
+        """All image inputs, each as a camera with a window."""
         return tuple(View(view) if isinstance(view, str) else view for view in self.views)
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras to render, each once."""
+        """Names of the cameras to render, each listed once."""
         return tuple(dict.fromkeys(view.camera for view in self.windows))
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CoTraining:
-    """Questions that the network learns in addition to actions.
+    """Questions that the network learns to answer in addition to predicting actions.
 
     Attributes:
-        sets: Folders of ``better vqa`` about the training demonstrations.
-        weight: Number of questions per frame with actions. The paper samples actions with weight 8.0 and each of four
-            sets of texts with weight 0.5 (appendix A.2), which gives 0.25.
+        sets: Folders written by ``better vqa``, with questions about the training demonstrations.
+        weight: Number of questions per frame with actions. In the paper, actions are sampled with weight 8.0 and each
+            of four sets of texts with weight 0.5 (appendix A.2), which corresponds to 0.25.
     """
 
     sets: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -142,40 +146,54 @@ class CoTraining:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainingRecipe:
-    """Recipe for training a learner, with its data, network, optimization and validation.
+    """Recipe for training a learner: data, network, optimization and validation.
 
     Attributes:
         data: Folders written by ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: ``objects`` for poses, sizes, categories and colors as from a perfect detector, ``pixels`` for images,
-            or the name of a user's family.
-        options: Options of a user's family.
+        family: Family of the learner. ``objects`` gets poses, sizes, categories and colors, as from a perfect detector.
+            ``pixels`` gets images. It may also be the name of a family that a user has defined.
+        options: Options of a family that a user has defined.
         tasks: Tasks whose demonstrations are used. If empty, all tasks in the data are used.
-        variations: Whether to include demonstrations of test variations, as in the covered training distribution.
-        demonstrations: Maximum number of demonstrations per condition, lowest seeds first, or None for all.
-        longest_pause: Maximum number of control steps that are used from a pause of the demonstrator, or None for all.
-        every: Stride between input frames in training. The actions of a chunk are consecutive.
-        eyes: Image inputs for a ``pixels`` learner.
-        capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: Number of tool states in the input, which are the present state and earlier states.
-        history_stride: Control steps between these states. For ``pixels``, whose learners answer every ``execute``
-            steps, it must be a multiple of ``execute``.
+        variations: Whether demonstrations of test variations are used, too. If so, the training distribution covers the
+            tests.
+        demonstrations: Maximum number of demonstrations per condition. Those with the lowest seeds are used. None means
+            that all are used.
+        longest_pause: Maximum number of control steps that are used from each pause of the demonstrator. None means
+            that all are used.
+        every: Number of control steps between input frames in training. The actions of a chunk are always consecutive.
+        eyes: Image inputs of a ``pixels`` learner.
+        capacity: Size of the transformer, as ``small``, ``base`` or ``large``, or as width, layers and heads.
+        proprioception: Proprioceptive inputs.
+        augmentation: Random augmentation of training samples.
+        history: Number of tool states in the input: the present state and earlier states.
+        history_stride: Number of control steps between the tool states in the history. For a ``pixels`` learner, which
+            answers every ``execute`` steps, it must be a multiple of ``execute``.
         chunk: Number of actions in one answer.
-        execute: Execution horizon, which is the number of actions executed from an answer before the next answer.
-        loss: ``l1``, or ``flow`` for flow matching.
+        execute: Execution horizon, i.e. the number of actions that are executed from an answer before the learner
+            answers again.
+        loss: Loss function, ``l1`` or ``flow`` (flow matching).
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
-        dropout: Share of activations dropped in training.
-        gripper_weight: Sampling weight for a sample at a gripper change. Other samples have weight 1.
-        co_training: Questions learned in addition to actions, or None.
-        start: Checkpoint with the initial weights, or None.
-        frozen: Parts whose weights are not trained.
-        learning_rate: Largest rate of AdamW, reached after ``warmup`` steps. It then falls to zero along a cosine.
-        ema: Decay of the moving average of the weights. This average is used for evaluation.
-        clip: Largest norm of the gradient.
-        validation: Share of seeds that are held out, chosen as by ``better export --validation``.
-        validate_every: Steps between two validations.
-        rollouts: Number of rollouts in each validation, from the initial states of held-out demonstrations.
-        save_every: Number of steps between two saved states, from which training resumes.
-        threads: Threads of one process. Weights are reproducible only with the same number of threads.
+        dropout: Fraction of activations that are dropped in training.
+        gripper_weight: Sampling weight of a sample at which the gripper opens or closes. Other samples have weight 1.
+        co_training: Questions that are learned in addition to actions, or None.
+        start: Checkpoint from which the initial weights are taken, or None.
+        frozen: Parts of the network whose weights are not trained.
+        steps: Number of training steps.
+        batch: Number of samples per training step.
+        learning_rate: Maximum learning rate of AdamW, which is reached after ``warmup`` steps. The learning rate then
+            decays to zero with a cosine schedule.
+        warmup: Number of steps during which the learning rate increases.
+        weight_decay: Weight decay of AdamW.
+        ema: Decay rate of the exponential moving average of the weights. Evaluation uses the averaged weights.
+        clip: Maximum norm of the gradient.
+        seed: Seed for the initial weights and for the random choices in training.
+        validation: Fraction of seeds that are held out for validation. They are chosen in the same way as by ``better
+            export --validation``.
+        validate_every: Number of training steps between two validations.
+        rollouts: Number of rollouts in each validation. They start from the initial states of held-out demonstrations.
+        save_every: Number of training steps between two saved states from which training can be resumed.
+        threads: Number of threads per process. The weights are reproducible only with the same number of threads.
+        version: Version of the training procedure.
     """
 
     data: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -217,30 +235,31 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Reject settings that contradict each other or that the family does not support."""
+        """Raise an error if settings contradict each other, or if the family does not support a setting."""
         self._require_family()
         if self.execute > self.chunk:
-            problem = f"{self.execute} exceeds the {self.chunk} actions of a chunk"
-            raise InvalidInputError("execute", problem, "Give at most that number")
+            problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
+            raise InvalidInputError("execute", problem, "Use at most that number")
         if self.start is None and self.frozen:
-            raise InvalidInputError("frozen", "frozen parts would keep random weights", "Give a checkpoint as start")
+            raise InvalidInputError("frozen", "frozen parts would keep random weights", "Set start to a checkpoint")
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
-            problem = f"the family {self.family} does not have this field"
-            raise InvalidInputError(foreign, problem, "Leave out this field, or change the family")
+            problem = f"learners of the family {self.family} do not have this setting"
+            raise InvalidInputError(foreign, problem, "Omit this field, or change the family")
         parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "all parts are frozen", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
             problem = (
-                f"a share of {self.co_training.weight} of a batch of {self.batch} samples is less than one question"
+                f"a weight of {self.co_training.weight} and a batch of {self.batch} samples give less than one "
+                "question per step"
             )
             raise InvalidInputError("co_training.weight", problem, "Increase the weight or batch, or omit co_training")
         if self.sees == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
 
     def _require_family(self) -> None:
-        """Reject an unknown family or option."""
+        """Raise an error if the family or one of its options is unknown."""
         try:
             family = learner_family(self.family)
         except UnknownNameError as error:
@@ -249,14 +268,14 @@ class TrainingRecipe:
         for name, value in self.options.items():
             if name not in family.options:
                 problem = str(UnknownNameError(f"option of the family {self.family}", name, family.options)).rstrip(".")
-                raise InvalidInputError("options", problem, "Leave out the options, or change the family")
+                raise InvalidInputError("options", problem, "Omit the option, or change the family")
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
                 problem = f"expected {wanted.__name__}, the type of its default, got {value!r}"
-                raise InvalidInputError(f"options.{name}", problem, "Correct it")
+                raise InvalidInputError(f"options.{name}", problem, "Correct the value")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
-        """Return fields that apply to only one family, and whether they are set for another family."""
+        """Return the fields that only one family uses, each with whether this recipe sets it for another family."""
         changed, pixels = self.augmentation, self.sees == "pixels"
         parts = learner_family(self.family).parts
         return (
@@ -270,13 +289,13 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity. A name such as ``small`` is looked up in the family."""
+        """Size of the transformer. A name such as ``small`` is looked up in the family."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
     @property
     def sees(self) -> Sees:
-        """Learner input: the state as objects, or images."""
+        """Kind of input that the learner gets: objects or images."""
         return learner_family(self.family).sees
 
     @property
@@ -286,12 +305,12 @@ class TrainingRecipe:
 
     @property
     def all_options(self) -> dict[str, Option]:
-        """The family's options, with defaults for options that the recipe does not set."""
+        """Options of the family. Options that the recipe does not set have their default values."""
         return {**learner_family(self.family).options, **self.options}
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings that, together with the vocabulary, determine the number of weights, by field name."""
+        """Settings that determine, together with the vocabulary, the number of weights of the network. By name."""
         given = self.proprioception.given
         return {
             "family": self.family,
@@ -306,24 +325,27 @@ class TrainingRecipe:
 
     @property
     def questions(self) -> int:
-        """Number of questions per step, in addition to the batch."""
+        """Number of questions in each training step. They are added to the samples of the batch."""
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with all defaults. Unused ``co_training`` and ``options`` are left out."""
+        """Return the recipe as a JSON-serializable dict that includes all defaults.
+
+        ``co_training`` and ``options`` are left out if they are not used.
+        """
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
-            del form["co_training"]  # omitted so that trainings begun before this field existed can be resumed
+            del form["co_training"]  # omitted so that a training begun before this field existed can be resumed
         if not self.options:
             del form["options"]
         return form
 
 
 def require_asked(stride: int, execute: int, field_name: str) -> None:
-    """Raise InvalidInputError if a pixels learner's history stride is not a multiple of ``execute``."""
+    """Raise InvalidInputError if the history stride of a ``pixels`` learner is not a multiple of ``execute``."""
     if stride % execute:
         problem = f"{stride} is not a multiple of execute ({execute}), which a pixels learner requires"
-        raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
+        raise InvalidInputError(field_name, problem, "Use a multiple of execute, or set history to 1")
 
 
 _FORM = TypeAdapter(TrainingRecipe)
@@ -332,15 +354,16 @@ _FORM = TypeAdapter(TrainingRecipe)
 def read_training_recipe(
     form: object, *, where: str = "recipe", changes: Mapping[str, Any] | None = None
 ) -> TrainingRecipe:
-    """Parse a recipe from JSON.
+    """Parse a training recipe given as JSON.
 
     Args:
-        form: The fields, as a mapping or a JSON string.
-        where: File name for errors.
-        changes: Fields that override the form. None keeps a field.
+        form: Recipe as a mapping or as a JSON string.
+        where: Name of the file, used in messages.
+        changes: New values of fields, which replace those in the recipe. A field for which None is given is not
+            replaced.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown or out of range. The message names it.
+        InvalidInputError: If a field is missing, unknown or out of range. The message names the field.
     """
     if changes and isinstance(form, Mapping):
         form = {**form, **{name: value for name, value in changes.items() if value is not None}}

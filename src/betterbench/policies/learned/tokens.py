@@ -1,6 +1,7 @@
-"""Inputs for a learner of the ``objects`` family: the tool state and visible properties of each object.
+"""Inputs of a learner in the ``objects`` family: the state of the tool, and visible properties of each object.
 
-Names, roles and slots of objects, the held object and the task's goal are excluded, because they would reveal the task.
+The names, roles and slots of objects, the held object and the goal of the task are not inputs, because they would
+reveal the task.
 """
 
 from __future__ import annotations
@@ -14,17 +15,17 @@ from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.policies.learned.vocabulary import Vocabulary
 
 TOOL_NUMBERS = 10
-"""Number of values of the tool: position [m], rotation and opening width [m]."""
+"""Number of values of a tool state: position [m], rotation and opening width [m]."""
 POSE_NUMBERS = 9
 """Number of values of an object's pose: position [m] and rotation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """Inputs that are constant during an episode: the instruction and the appearance of n objects.
+    """Inputs of a learner that do not change during an episode: the instruction, and the appearance of n objects.
 
     Attributes:
-        words: (w,) indices of the instruction's words.
+        words: (w,) indices of the words of the instruction.
         sizes: (n, 3) extents of the objects [m].
         categories: (n,) indices of the categories.
         colors: (n,) indices of the colors.
@@ -37,7 +38,7 @@ class Things:
 
 
 def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocabulary) -> Things:
-    """Return the constant inputs of a learner from the instruction and the objects, in the given order."""
+    """Return the inputs of a learner that do not change during an episode. The objects keep their order."""
     return Things(
         vocabulary.word_ids(instruction),
         np.array([o.size_m for o in objects], dtype=np.float32).reshape(-1, 3),
@@ -47,9 +48,9 @@ def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocab
 
 
 def six_numbers(quaternions: np.ndarray) -> np.ndarray:
-    """Return rotations (w, x, y, z), (..., 4), as the first two columns of the rotation matrices, (..., 6).
+    """Convert quaternions (w, x, y, z), (..., 4), to the first two columns of the rotation matrices, (..., 6).
 
-    The representation is continuous (Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural
+    This representation is continuous (Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural
     Networks").
     """
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
@@ -59,17 +60,17 @@ def six_numbers(quaternions: np.ndarray) -> np.ndarray:
 
 
 def tool_numbers(positions: np.ndarray, quaternions: np.ndarray, widths: np.ndarray) -> np.ndarray:
-    """Return the numbers of the tool, (T, 10) float32, from (T, 3) [m], (T, 4) and (T,) [m]."""
+    """Return tool states (T, 10) float32 from positions (T, 3) [m], quaternions (T, 4) and opening widths (T,) [m]."""
     return np.concatenate([positions, six_numbers(quaternions), widths[:, None]], axis=1).astype(np.float32)
 
 
 def pose_numbers(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-    """Return the numbers of poses, (..., 9) float32, from (..., 3) [m] and (..., 4)."""
+    """Return poses as arrays (..., 9) float32, given positions (..., 3) [m] and quaternions (..., 4)."""
     return np.concatenate([positions, six_numbers(quaternions)], axis=-1).astype(np.float32)
 
 
 def moment_of(state: WorldState) -> tuple[np.ndarray, np.ndarray]:
-    """Return a state's tool values, (10,), and object pose values, (n, 9), both float32."""
+    """Return the inputs that a learner gets in a state: tool (10,) float32 and poses of n objects (n, 9) float32."""
     pose = state.ee_pose
     tool = tool_numbers(np.array([pose.position]), np.array([pose.quaternion]), np.array([state.finger_width_m]))
     poses = pose_numbers(np.array(state.positions).reshape(-1, 3), np.array(state.quaternions).reshape(-1, 4))

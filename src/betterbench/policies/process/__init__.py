@@ -1,1 +1,1 @@
-"""User policies in a separate process."""
+"""Policies written by users, which run in a separate process."""

@@ -1,6 +1,7 @@
-"""Main function of a user policy's process. It loads the policy and answers the run's requests over a socket.
+"""Main function of the process in which a user's policy runs. It loads the policy and answers the run's requests.
 
-This module imports no simulator, so the process starts fast and leaves memory to the policy.
+Requests arrive through a socket. This module does not import a simulator, so that the process starts fast and the
+memory is available to the policy.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from betterbench.policies.kinds import find_kind, make_policy, read_address
 from betterbench.policies.process.process_link import Declared, ProcessAnswer, content_of, text_of
 
 MAX_TEXT = 2000
-"""Maximum number of characters of an error text."""
+"""Maximum length of the text of an error, in characters."""
 
 ERRORS = (
     "PolicyError",
@@ -35,21 +36,24 @@ ERRORS = (
     "RecordError",
     "MissingDependencyError",
 )
-"""Errors of betterbench that keep their class when sent to the run. All others become PolicyError."""
+"""Errors of betterbench that keep their class when they are sent to the run. All other errors become a PolicyError."""
 
-# imported here, before a policy can replace these functions
+# These functions are stored here before the policy can replace them.
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
 
 def main(address: str, link: int, life: int, world: str = "") -> None:
     """Load the policy of an address, and answer requests until the socket is closed.
 
-    ``link`` is the file descriptor of the socket. ``life`` is a file descriptor that reaches its end when the run ends.
-    ``world`` is the world whose conventions are used with a server, if any.
+    Args:
+        address: Address of the policy.
+        link: File descriptor of the socket.
+        life: File descriptor of a pipe whose other end is closed when the run ends.
+        world: Benchmark whose conventions apply, such as "libero", or empty.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("500")  # if memory runs out, the system ends this process
+        Path("/proc/self/oom_score_adj").write_text("500")  # if memory runs out, this process should be ended first
     sys.excepthook = lambda *_: _exit(1)
     run = socket.socket(fileno=link)
     kind = find_kind(address)
@@ -72,11 +76,11 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         _say("the process of the policy failed", problem)
         _exit(1)
     finally:
-        _exit(0)  # do not wait for threads of the policy
+        _exit(0)  # threads of the policy are not waited for
 
 
 def _end_with_run(life: int) -> None:
-    """End this process and its child processes as soon as the run has ended."""
+    """Wait until the run has ended, then immediately end this process and its child processes."""
     try:
         os.read(life, 1)
     finally:
@@ -86,7 +90,7 @@ def _end_with_run(life: int) -> None:
 
 
 def _declared(policy: Policy, source: str) -> Declared:
-    """Return a policy's declarations as plain values."""
+    """Return the description of a policy, converted to values that can be sent to the run."""
     info, e = policy.info, policy.info.execution
     return Declared(
         name=text_of(info.name),
@@ -104,7 +108,10 @@ def _declared(policy: Policy, source: str) -> Declared:
 
 
 def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | None:
-    """Return the result of a method as plain arrays or its exception, or None after the last request."""
+    """Call the requested method of a policy, and return the resulting arrays or the error.
+
+    Return None if no more requests follow.
+    """
     if not asked:
         return None
     method, args, options = _loads(asked["question"].data)
@@ -116,7 +123,7 @@ def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | No
 
 
 def _told(problem: BaseException) -> ProcessAnswer:
-    """Return the class and texts of an error, without attached objects."""
+    """Return the class and the texts of an error, without the other objects to which the error refers."""
     if isinstance(problem, UnknownNameError):
         return _error("UnknownNameError", (problem.kind, problem.name, *problem.known))
     if isinstance(problem, InvalidInputError):
@@ -129,7 +136,7 @@ def _told(problem: BaseException) -> ProcessAnswer:
         lambda p: f"{kind}: {p}",
         lambda _: f"{kind}: the error cannot be shown as text",
     ):
-        with contextlib.suppress(BaseException):  # an error without a readable text is still reported
+        with contextlib.suppress(BaseException):  # an error that cannot be shown as text is still reported
             text = text_of(shown(problem))
             break
     if len(text) > MAX_TEXT:
@@ -151,6 +158,6 @@ def _close(policy: Policy) -> None:
 
 
 def _say(what: str, problem: BaseException) -> None:
-    """Write one line to standard error, if possible."""
+    """Write one line to standard error. If this is impossible, do nothing."""
     with contextlib.suppress(BaseException):
         _write(2, f"{what}: {described(problem)}\n".encode("utf-8", "backslashreplace"))

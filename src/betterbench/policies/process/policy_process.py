@@ -1,4 +1,4 @@
-"""User policies in separate processes, so that a crash affects at most the current trial of the policy."""
+"""Policies written by users. Each runs in a separate process, so that a crash affects at most the current trial."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ LOAD_S = 3000.0
 """Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""Time limit for closing a policy [s], after which its process is killed."""
+"""Time that a policy may take to close [s]. After that, its process is killed."""
 
 MAX_KILLS = 3
-"""Number of attempts at a batch if the process is killed during an attempt."""
+"""Maximum number of attempts at a batch if the policy's process is killed during an attempt."""
 
 _LEAVE_S = 0.5
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
@@ -57,22 +57,26 @@ _START = (
 )
 
 MARK = "BETTERBENCH_POLICY_PROCESS"
-"""Environment variable that marks child processes, to find them after the policy's process has ended."""
+"""Environment variable that marks the child processes of a policy.
+
+With it, they are found after the policy's process has ended.
+"""
 
 
 class PolicyProcess:
-    """Client side of a policy in a separate process.
+    """Client of a policy that runs in a separate process.
 
-    If the process has ended, the next request starts a new process with a new policy. A new process is also started
-    after a failed episode, so that the failure cannot affect later episodes. A policy with large weights keeps its
-    process. The process has its own session, so that signals to the run do not reach it.
+    If the process has ended, the next request starts a new process, which loads the policy again. A new process is also
+    started after a failed episode, so that the failure cannot affect later episodes. Only a policy with large weights
+    keeps its process. The process belongs to a separate session of the operating system, so that signals sent to the
+    run do not reach it.
 
     Attributes:
-        info: Policy declarations.
-        source: Name and SHA-256 of the file with the policy, or empty.
-        takes_batches: Whether the policy answers several observations at once.
-        ready_at: Time at which the policy starts to accept requests, from ``time.perf_counter`` [s]. It is infinite
-            during loading.
+        info: Description of the policy.
+        source: Name and SHA-256 of the file that contains the policy, or an empty string.
+        takes_batches: Whether the policy answers several observations in one call.
+        ready_at: Time from which the policy accepts requests [s], as measured by ``time.perf_counter``. Infinite while
+            the policy is being loaded.
     """
 
     def __init__(
@@ -83,14 +87,14 @@ class PolicyProcess:
         load_s: float = LOAD_S,
         started: tuple[_Started, Declared] | None = None,
     ) -> None:
-        """Start the process, unless it is already started, and wait until it has loaded the policy.
+        """Start the process, unless one is given, and wait until it has loaded the policy.
 
-        ``world`` is the world whose conventions are used with a server.
+        ``world`` names the benchmark whose conventions apply, such as "libero".
 
         Raises:
-            BetterError: If loading the policy raised this error of betterbench.
-            PolicyProcessError: If loading raised another exception, took longer than ``load_s`` [s], or the process
-                ended.
+            BetterError: If loading the policy raised an error of betterbench. The same error is raised here.
+            PolicyProcessError: If loading raised another exception or took longer than ``load_s`` [s], or if the
+                process ended.
         """
         self._address, self._world, self._load_s = address, world, load_s
         self._asking, self._closing = threading.Lock(), threading.Lock()
@@ -103,7 +107,7 @@ class PolicyProcess:
     def reset(self, start: EpisodeStart) -> None:
         """Tell the policy that an episode begins. Raises the same errors as :meth:`act`.
 
-        If the call fails in a process that has run other episodes, it is repeated in a new process.
+        If this fails in a process that has already run other episodes, the call is repeated in a new process.
         """
         try:
             self._ask("reset", start)
@@ -121,32 +125,39 @@ class PolicyProcess:
 
         Raises:
             PolicyError: If the policy raised any exception, or its process crashed.
-            PolicyKilledError: If another process killed it.
-            PolicyUnavailableError: If the policy raised this error, because its server cannot be reached.
-            HandshakeError: If the policy raised this error, because its server serves another policy.
+            PolicyKilledError: If the process was killed by another process.
+            PolicyUnavailableError: If the policy itself uses a server that cannot be reached.
+            HandshakeError: If the policy itself uses a server that now serves a different policy.
         """
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Let a checkpoint compare its conventions with the run. Other policies declare none."""
+        """Ask the policy of a checkpoint to compare its conventions with those of the run.
+
+        Other policies declare no conventions.
+        """
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:
-        """Use another process for the next episode after a failed trial, unless the policy has large weights."""
+        """Use a new process for the next episode, because a trial has failed.
+
+        A policy with large weights keeps its process.
+        """
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Close the policy and end its process. If a request is running, only end the process.
+        """Close the policy and end its process.
 
-        If another thread is already closing the policy, return at once.
+        If a request is running, the process is ended without closing the policy. If another thread is already closing
+        the policy, return immediately.
         """
         with self._closing:
             first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # a running request then gets an end of file
+                running.kill()  # a running request then reaches the end of the stream
             return
         try:
             if self._running is not None:
@@ -164,11 +175,11 @@ class PolicyProcess:
             self._prepare(begins=method == "reset")
             running = self._running
             if running is None:
-                raise AssertionError("prepare() has made a process")
+                raise AssertionError("unreachable: _prepare() creates a process")
             try:
                 answer, arrays = running.call(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
-                    raise PolicyError(f"got {len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
+                    raise PolicyError(f"got {len(arrays)} arrays instead of {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
                 status, self._running = running.finish(), None
                 if isinstance(error, PolicyError):
@@ -181,7 +192,7 @@ class PolicyProcess:
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """Ensure that a process exists. An episode begins with a process in which no trial has failed."""
+        """Start a process if there is none, or if an episode begins after a trial has failed in the current process."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -192,7 +203,7 @@ class PolicyProcess:
             self.ready_at = time.perf_counter()
 
     def _start_another(self, running: _Started | None) -> None:
-        """Replace the process. If the new process cannot load the policy, the old process continues if possible."""
+        """Replace the process. If the new process cannot load the policy, the old process is kept if possible."""
         if running is not None and not running.waits:
             running.finish()
             running = None
@@ -216,16 +227,18 @@ class PolicyProcess:
 
     def _require_unchanged(self, declared: Declared) -> None:
         if declared.source != self.source:
-            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore the file.")
+            raise PolicyProcessError(
+                f"{self._address}: the file of the policy has changed since the run began. Restore the original file."
+            )
 
 
 class BatchPolicyProcess(PolicyProcess):
-    """Client side of a policy that answers several observations at once, in a separate process."""
+    """Client of a policy that runs in a separate process and answers several observations in one call."""
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
         """Return one answer per observation. Raises the errors of :meth:`act`.
 
-        Each answer depends only on its observation, so a batch whose process was killed can be repeated.
+        Each answer depends only on its own observation, so a batch can be repeated if the process was killed.
         """
         for left in reversed(range(MAX_KILLS)):
             try:
@@ -234,18 +247,18 @@ class BatchPolicyProcess(PolicyProcess):
                 if not left:
                     raise
                 logger.warning("%s; the policy is loaded again", error)
-        raise AssertionError("the last attempt returns or raises")
+        raise AssertionError("unreachable: the last attempt either returns or raises")
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return an address's policy, loaded in a separate process. Raises the same errors as :class:`PolicyProcess`."""
+    """Load the policy of an address in a separate process. Raises the same errors as :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)
 
 
 def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared]:
-    """Return a process that has loaded its policy, and the policy's declarations."""
+    """Start a process, wait until it has loaded the policy, and return the process and the policy's description."""
     started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
@@ -257,7 +270,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
 
 
 class _Started(AskedProcess):
-    """Started process. It loads its policy and then answers requests."""
+    """Process of a policy. It loads the policy and then answers requests."""
 
     def __init__(self, address: str, world: str) -> None:
         self._address, self._mark = address, uuid.uuid4().hex
@@ -271,7 +284,7 @@ class _Started(AskedProcess):
         try:
             super().__init__(
                 command,
-                output=self._output.theirs,  # keeps the policy's output apart from the run's
+                output=self._output.theirs,  # keeps the output of the policy separate from that of the run
                 environment={**os.environ, MARK: self._mark},
                 keeps=(life,),
                 any_type=True,
@@ -281,35 +294,36 @@ class _Started(AskedProcess):
             self._output.begin()
 
     def loaded(self, timeout_s: float) -> Declared:
-        """Wait until the policy is loaded, and return its declarations.
+        """Wait until the policy has been loaded, and return its description.
 
-        Raises the errors of :class:`PolicyProcess`, and PolicyKilledError if the process was ended from outside.
+        Raises the errors of :class:`PolicyProcess`. Also raises PolicyKilledError if another process killed the
+        policy's process.
         """
         try:
             answer, _ = read_answer(self.greeting(limit_s=timeout_s))
         except FrameTimeoutError as error:
             raise PolicyProcessError(
-                f"{self._address}: loading took more than {timeout_s:g} s. Increase --policy-timeout: loading may take "
-                "ten times as long as an answer."
+                f"{self._address}: loading took more than {timeout_s:g} s. Increase --policy-timeout, since "
+                "loading may take ten times as long as an answer."
             ) from error
         except (FrameError, PolicyError) as error:
             how = self.finish()
             kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
             raise kind(
-                f"{self._address}: its process ended while loading ({how}); see its output above. Load it in a "
-                "Python shell to see why"
+                f"{self._address}: the process of the policy ended while loading ({how}); see its output above. "
+                "Load the policy in a Python shell to see why"
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared
         raised = _error(answer.error or "", answer.texts or ("it does not declare anything",))
         if type(raised) is not PolicyError:
             raise raised  # errors of betterbench need no prefix
-        raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
+        raise PolicyProcessError(f"{self._address}: the policy cannot be loaded ({raised}).")
 
     def call(
         self, method: str, args: Sequence[object], options: dict[str, object]
     ) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return the answer to a request.
+        """Send a request and return the answer.
 
         Raises:
             FrameEndError: If the process has ended.
@@ -332,7 +346,7 @@ class _Started(AskedProcess):
         self.finish()
 
     def finish(self) -> str:
-        """End the process if it is still running, and return how it ended."""
+        """End the process if it is still running. Return a description of how it ended."""
         status = self.end(_LEAVE_S)
         if self._life >= 0:
             os.close(self._life)
@@ -343,7 +357,7 @@ class _Started(AskedProcess):
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:
-    """Return the error that a process has sent."""
+    """Create the error that the process has reported."""
     if kind == "UnknownNameError" and len(texts) > 1:
         return UnknownNameError(texts[0], texts[1], texts[2:])
     if kind == "InvalidInputError" and len(texts) == 3:

@@ -1,9 +1,9 @@
-"""Messages between a run and a policy's process (:mod:`betterbench.jobs.frames`).
+"""Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
 
-A request from the run is a pickle in a byte array. A request without arrays ends the process. An answer contains no
-Python objects, because a policy can write anything to its socket. The run reads answers in
-:mod:`betterbench.policies.process.process_reader`. This module does not import the checks of answers, so that the
-process of a policy starts fast.
+A request from the run is pickled and sent as a byte array. A request without arrays ends the process. An answer must
+not contain pickled Python objects, because an untrusted policy could write anything to its socket. The run reads
+answers in :mod:`betterbench.policies.process.process_reader`. This module does not import the code that checks answers,
+so that the process of a policy starts fast.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ MAX_ANSWER_BYTES = 64 << 20
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """Declarations that a policy sends after loading.
+    """Description that a policy sends after it has been loaded.
 
     Attributes:
-        batches: Whether the policy answers several observations at once.
-        source: Name and fingerprint of the file from which it was loaded, or empty.
+        batches: Whether the policy answers several observations in one call.
+        source: Name and SHA-256 of the file from which the policy was loaded, or an empty string.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Declared:
 
     @property
     def info(self) -> PolicyInfo:
-        """The declarations as a PolicyInfo."""
+        """Description of the policy, converted to a PolicyInfo."""
         return PolicyInfo(
             self.name,
             self.action_space,
@@ -57,12 +57,13 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class ProcessAnswer:
-    """Message of a policy's process: an answer or an error.
+    """Message from the process of a policy: an answer or an error.
 
     Attributes:
-        error: Class of the raised betterbench error. It is empty for another exception, None without an error.
+        error: Class name of the error if it is one of betterbench's own errors, an empty string for any other
+            exception, or None if there was no error.
         texts: Texts of the error.
-        declared: Policy declarations, in the first message only.
+        declared: Description of the policy. Only the first message contains it.
     """
 
     error: str | None = None
@@ -70,19 +71,19 @@ class ProcessAnswer:
     declared: Declared | None = None
 
 
-# imported here, before a policy can replace it
+# This function is stored here before the policy can replace it.
 _array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Return any value that a policy uses as a string as a printable string."""
+    """Convert a value to a printable string. The value comes from a policy, which uses it as a string."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 
 def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameContent:
-    """Return the frame content of an answer, with the policy's values as arrays.
+    """Return the content of a message with a policy's answer. The values that the policy returned become arrays.
 
-    Raises ValueError if it is too large.
+    Raises ValueError if the message would be too large.
     """
     arrays = [_array(one) for one in given]
     for array in arrays:

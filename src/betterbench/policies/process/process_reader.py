@@ -1,4 +1,4 @@
-"""Validation of messages from a policy's process. The process is untrusted."""
+"""Checks of the messages from the process of a policy. Policies are not trusted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ _ANSWER = TypeAdapter(strict_form(ProcessAnswer))
 
 
 def read_answer(content: FrameContent) -> tuple[ProcessAnswer, list[np.ndarray]]:
-    """Return a message of a process and its writable arrays. Raises PolicyError if the message is not an answer."""
+    """Return the answer in a message and its arrays, which may be modified.
+
+    Raises PolicyError if the message is malformed.
+    """
     document, arrays = content
     answer = read_form(
         _ANSWER,

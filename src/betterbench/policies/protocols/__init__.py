@@ -1,1 +1,1 @@
-"""Codecs and sockets of policy protocols: msgpack, JSON, torch tensors and websockets."""
+"""Message encodings and sockets for policy protocols: msgpack, JSON, torch tensors and websockets."""

@@ -1,8 +1,8 @@
-"""Encoding of ``POST /act`` bodies: JSON with arrays in json-numpy format.
+"""Encoding of the bodies of ``POST /act`` requests and replies: JSON, with arrays in the format of json-numpy.
 
-An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
-string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`.
-Any bytes give a value or a :class:`PolicyError`.
+An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body contains that map itself,
+or a string with the JSON text of the map. Like the messages in :mod:`betterbench.policies.protocols.wire`, bodies are
+not trusted: decoding any bytes gives a value or a :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -18,19 +18,22 @@ from betterbench.json_form import unique_keys
 from betterbench.policies.protocols.wire import MAX_DEPTH, is_image, png_of, read_array, require_depth
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
-"""Largest accepted body [byte]: empty lists take 20 times as much in memory, and 100 actions about 15 kB."""
+"""Size of the largest body that is accepted [bytes].
+
+100 actions take about 15 kB. The limit is low because empty lists take 20 times as much memory as they have bytes.
+"""
 
 ArrayCoding = Literal["map", "text", "png"]
-"""Encoding of arrays in a body: as a map (OpenVLA), as a string with the map's JSON (X-VLA), or as a list of numbers,
-with images as base64-encoded PNG files (Dexbotic).
+"""Encoding of arrays in a body: "map" for a map (OpenVLA), "text" for a string with the JSON text of the map (X-VLA),
+"png" for a list of numbers, and for images a base64-encoded PNG file (Dexbotic).
 """
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
-    """Encode a value made of maps, lists, strings, numbers, None and NumPy number arrays as a body.
+    """Encode a value as a body. The value consists of maps, lists, strings, numbers, None and NumPy arrays of numbers.
 
-    With ``encoded``, the body is a map with the single key ``encoded`` and the JSON as a string. Some servers need this
-    for arrays. Raises InvalidInputError for values of other types.
+    If ``encoded`` is True, the body is a map with the single key ``encoded`` and the JSON text of the value. Some
+    servers accept arrays only in this form. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:
@@ -48,26 +51,27 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
         text = json.dumps(value, default=mark, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise InvalidInputError(
-            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+            "message", f"the message cannot be sent ({error})", "Send strings, numbers and arrays"
         ) from error
     return (json.dumps({"encoded": text}) if encoded else text).encode("utf-8")
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Decode a body to a value with read-only arrays. A string with the JSON of such a value is decoded too.
+    """Decode a body. The arrays in the returned value are read-only.
 
-    Raises PolicyError if it is malformed, too deep, or larger than ``MAX_BODY_BYTES``.
+    A string that contains the JSON text of a value is decoded, too. Raises PolicyError if the body is malformed, nested
+    too deeply, or larger than ``MAX_BODY_BYTES``.
     """
     try:
         if len(data) > MAX_BODY_BYTES:
-            raise ValueError(f"it is larger than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
+            raise ValueError(f"the body is larger than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
         value = json.loads(data, object_pairs_hook=_read_map)
         if isinstance(value, str) and value[:1] in ("{", "["):
             value = json.loads(value, object_pairs_hook=_read_map)
         require_depth(value, MAX_DEPTH)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError, InvalidInputError) as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PolicyError(f"JSON of {len(data)} bytes: it cannot be read ({problem}).") from error
+        raise PolicyError(f"JSON of {len(data)} bytes cannot be read ({problem}).") from error
     return value
 
 

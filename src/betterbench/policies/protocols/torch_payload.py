@@ -1,9 +1,9 @@
-"""Reader of payloads written by torch. It does not run code contained in them.
+"""Reader for files written by torch. It does not run code that such a file may contain.
 
-Being-H servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named by
-the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. In the list
-of allowed functions, NumPy's constructors are replaced by functions of this module that only store their arguments.
-Arrays are then built from plain bytes, with the same checks as in every other protocol.
+Being-H's servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
+the sender chooses. Here, answers are read with ``torch.load(weights_only=True)``, which calls only functions from a
+list of permitted functions. In this list, NumPy's constructors are replaced by functions of this module that only store
+their arguments. Arrays are then built from plain bytes, with the same checks as in all other protocols.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from betterbench.installation import missing_extra
 from betterbench.policies.protocols.wire import MAX_DEPTH, MAX_FRAME_BYTES, MAX_VALUES
 
 OLDEST_TORCH = (2, 10)
-"""Oldest PyTorch with a trusted ``weights_only`` reader: a file can corrupt memory in older ones (CVE-2026-24747)."""
+"""Oldest version of PyTorch whose ``weights_only`` reader is trusted.
+
+In older versions, a file can corrupt memory (CVE-2026-24747).
+"""
 
 _ZIP = b"PK\x03\x04"
 _HOARDER = b"\nbytearray\n"
@@ -34,7 +37,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Stand-in for numpy.dtype, with the type string and its byte order."""
+    """Replacement for numpy.dtype that only stores the name of the type and the byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -50,7 +53,7 @@ class _Kind:
 
 
 class _Array:
-    """Stand-in for numpy.ndarray, with the data from which an array is built."""
+    """Replacement for numpy.ndarray that only stores the data from which the array is built later."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
@@ -79,7 +82,7 @@ class _Array:
 
 
 class _Scalar:
-    """Stand-in for a NumPy number, with its type and bytes."""
+    """Replacement for a NumPy number that only stores its type and its bytes."""
 
     def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
         self.kind, self.data = kind, data
@@ -94,11 +97,11 @@ class _Scalar:
 
 
 def _no_bytes(*_: object) -> bytes:
-    """Stand in for bytes, because an empty array is serialized as a call without arguments."""
+    """Return an empty bytes object. This replaces the constructor of bytes, which the file of an empty array calls."""
     return b""
 
 
-# NumPy 2 writes numpy._core, NumPy 1 numpy.core.
+# NumPy 2 writes the module name numpy._core, NumPy 1 writes numpy.core.
 _STAND_INS = [
     (_Kind, "numpy.dtype"),
     (_Array, "numpy.ndarray"),
@@ -109,7 +112,10 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return torch. Raises MissingDependencyError if it is not installed, or too old to read untrusted data."""
+    """Return the module torch.
+
+    Raises MissingDependencyError if it is missing or too old to read untrusted data safely.
+    """
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:
@@ -131,9 +137,9 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
 
 
 def write_torch(value: object) -> bytes:
-    """Return a value serialized by torch.
+    """Serialize a value with torch.
 
-    Raises MissingDependencyError without torch, and InvalidInputError if the value cannot be saved.
+    Raises MissingDependencyError if torch is not installed, and InvalidInputError if the value cannot be serialized.
     """
     torch = import_torch()
     buffer = io.BytesIO()
@@ -147,9 +153,10 @@ def write_torch(value: object) -> bytes:
 
 
 def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
-    """Return the content of a torch file, limited to maps with string keys, lists, strings, numbers and NumPy arrays.
+    """Return the content of a file written by torch: maps with string keys, lists, strings, numbers and NumPy arrays.
 
-    Raises MissingDependencyError without torch, and PolicyError if the file is malformed, too large or contains a call.
+    Raises MissingDependencyError if torch is not installed, and PolicyError if the file is malformed, too large, or
+    contains values of any other type.
     """
     torch = import_torch()
     try:
@@ -158,38 +165,41 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
             loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         return _Reader(torch).plain(loaded)
     except Exception as error:
-        # Any error of torch's reader is caused by the received bytes. Its full message is not shown, because it begins
-        # with the advice to unpickle anyway.
+        # Any error raised by torch's reader is caused by the received bytes. The message is shortened, because it
+        # begins with the advice to unpickle the file anyway.
         problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
         named = re.search(r"GLOBAL ([\w.]+)", problem)
-        reason = f"it would call {named.group(1)}, which is not allowed" if named else problem[:200]
+        reason = f"the file would call {named.group(1)}, which is not allowed" if named else problem[:200]
         raise PolicyError(
-            f"torch payload of {len(data)} bytes: it cannot be read ({reason or type(error).__name__})."
+            f"torch payload of {len(data)} bytes cannot be read ({reason or type(error).__name__})."
         ) from error
 
 
 def _survey(data: bytes) -> None:
-    """Check the archive before torch reads it.
+    """Check the zip archive before torch reads it.
 
-    Compressed entries are rejected, to keep the archive from growing in memory.
+    Compressed entries are rejected, because they could become much larger in memory.
     """
     if len(data) > MAX_FRAME_BYTES:
-        raise ValueError(f"it is larger than {MAX_FRAME_BYTES} bytes")
+        raise ValueError(f"the file is larger than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):
-        raise ValueError("it is not a zip archive written by torch 1.6 or newer")
+        raise ValueError("the file is not a zip archive written by torch 1.6 or newer")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = archive.infolist()
         if any(e.compress_type != zipfile.ZIP_STORED or e.file_size != e.compress_size for e in entries):
-            raise ValueError("it is compressed")
+            raise ValueError("the file is compressed")
         if sum(e.file_size for e in entries) > MAX_FRAME_BYTES:
-            raise ValueError("its entries overlap")
-        # the only function allowed by torch that can allocate any amount of memory from a few bytes
+            raise ValueError("the entries of the file overlap")
+        # This is the only function allowed by torch that can allocate any amount of memory for a few bytes.
         if any(_HOARDER in archive.read(e) for e in entries if e.filename.endswith(".pkl")):
-            raise ValueError("it contains a bytearray")
+            raise ValueError("the file contains a bytearray")
 
 
 class _Reader:
-    """Conversion of a payload into plain values. Their number is limited, because references can repeat values."""
+    """Conversion of a decoded file to plain values.
+
+    The number of values is limited, because a file can use references to repeat a value many times.
+    """
 
     def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module
         self._torch = torch
@@ -198,9 +208,9 @@ class _Reader:
     def plain(self, thing: object, depth: int = 0) -> Any:  # noqa: ANN401 - a payload may hold anything
         self._values += 1
         if self._values > MAX_VALUES:
-            raise ValueError(f"it contains more than {MAX_VALUES} values")
+            raise ValueError(f"the file contains more than {MAX_VALUES} values")
         if depth > MAX_DEPTH:
-            raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
+            raise ValueError(f"the file is nested deeper than {MAX_DEPTH} levels")
         if thing is None or type(thing) in (bool, int, float, str, bytes):
             return thing
         if isinstance(thing, Mapping):
@@ -215,22 +225,22 @@ class _Reader:
             return self._counted(thing.array())
         if type(thing) is self._torch.Tensor:
             return self._tensor(thing)
-        raise ValueError(f"it contains a {type(thing).__name__}")
+        raise ValueError(f"the file contains a {type(thing).__name__}")
 
     def _tensor(self, tensor: Any) -> np.ndarray:  # noqa: ANN401 - a torch tensor
         torch = self._torch
         if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
-            raise ValueError("it contains a tensor that is sparse, too large or not on the CPU")
+            raise ValueError("the file contains a tensor that is sparse, too large or not on the CPU")
         if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
-            # an expanded tensor, from a few bytes
-            raise ValueError("it contains a tensor that is larger than its bytes")
-        # NumPy has no bfloat16, in which policies often compute.
+            # A tensor that was expanded from a few bytes is rejected, because a copy would need much more memory.
+            raise ValueError("the file contains a tensor that is larger than its bytes")
+        # bfloat16, in which policies often compute, is converted, since NumPy does not have it.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 
     def _counted(self, array: np.ndarray) -> np.ndarray:
         self._elements += array.size
         if self._elements > _MAX_ELEMENTS:
-            raise ValueError(f"its arrays contain more than {_MAX_ELEMENTS} numbers")
+            raise ValueError(f"the arrays in the file contain more than {_MAX_ELEMENTS} numbers")
         if array.dtype.kind not in "biuf":
-            raise ValueError(f"it contains an array of {array.dtype}")
+            raise ValueError(f"the file contains an array of {array.dtype}")
         return array

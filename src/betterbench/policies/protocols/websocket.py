@@ -1,4 +1,4 @@
-"""Websocket connection that sends and receives complete messages with deadlines. Failures raise OSError."""
+"""Websocket connection that sends and receives complete messages before a deadline. Failures raise OSError."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class WebSocket:
     def __init__(
         self, address: PolicyAddress, *, timeout_s: float, key: str | None = None, max_bytes: int = MAX_FRAME_BYTES
     ) -> None:
-        """Connect.
+        """Connect to the server.
 
         Raises OSError if the server is unreachable or not ready, and HandshakeError if the server rejects the key or is
         not a websocket server.
@@ -42,11 +42,11 @@ class WebSocket:
         self._where, self._path = address.server_name, address.path
         self._max_bytes = max_bytes
         self._stack = contextlib.ExitStack()
-        self._mark: threading.Event | None = None  # set when the server has answered the ping after its last message
+        self._mark: threading.Event | None = None  # set when the server has answered the last ping
         self._pongs = True
         raw: socket.socket | None = None
         try:
-            # with our own socket, the library does not follow redirects to other servers
+            # Given a connected socket, the library does not follow redirects to other servers.
             raw = socket.create_connection((host, port), timeout_s)
             raw.settimeout(None)
             self._socket: Connection = self._stack.enter_context(
@@ -75,7 +75,10 @@ class WebSocket:
             self._socket.send(message)
 
     def receive(self, timeout_s: float) -> bytes | str:
-        """Return the next message. Raises OSError if none arrives in time, PolicyError if it is too large."""
+        """Return the next message.
+
+        Raises OSError if none arrives in time, and PolicyError if the message is too large.
+        """
         seconds = max(0.0, timeout_s)
         try:
             with self._cut_after(seconds + _GRACE_S, "no answer in time"):
@@ -84,19 +87,21 @@ class WebSocket:
             raise TimeoutError("no answer in time") from error
 
     def mark_end_of_answer(self) -> None:
-        """Mark the last request as answered, and send a ping without waiting for its pong.
+        """Remember that the last request has been answered, and send a ping without waiting for the pong.
 
-        Frames arrive in order, so everything sent before the pong has arrived by the time the pong arrives.
+        Messages arrive in order. When the pong arrives, everything that the server sent before the pong has arrived as
+        well.
         """
         if self._pongs:
             with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server accepts no more data"):
                 self._mark = self._socket.ping()
 
     def refuse_unasked(self) -> None:
-        """Raise ConnectionError if the server has sent a message since its last answer.
+        """Raise ConnectionError if the server has sent another message after its last answer.
 
-        A second answer to one request would be mistaken for the answer to the next, and shift all later answers. For a
-        server that never sends pongs, this method waits only once.
+        If the server answered a request twice, the second answer would be mistaken for the answer to the next request,
+        and all later answers would be shifted by one. If a server never sends pongs, this method waits for a pong only
+        once.
         """
         mark, self._mark = self._mark, None
         if mark is not None and not mark.wait(_PONG_S):
@@ -105,11 +110,14 @@ class WebSocket:
             self.receive(0.0)
         except TimeoutError:
             return
-        raise ConnectionError("it sent an unexpected answer")
+        raise ConnectionError("the server sent an unexpected answer")
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
-        """Close the connection if the first exchange fails. ``silence`` is the message for a silent server."""
+        """Close the connection if the first exchange of messages fails.
+
+        ``silence`` is the text of the error that is raised if the server sends nothing in time.
+        """
         try:
             yield
         except TimeoutError as error:
@@ -120,7 +128,7 @@ class WebSocket:
             raise
 
     def close(self) -> None:
-        """End the connection without raising an error."""
+        """End the connection. No error is raised."""
         with (
             contextlib.suppress(OSError, PolicyError),
             self._cut_after(_CLOSE_TIMEOUT_S + _GRACE_S, "the server does not close"),
@@ -129,20 +137,21 @@ class WebSocket:
 
     @contextlib.contextmanager
     def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
-        """Break the connection and raise TimeoutError if the body of the context takes too long.
+        """Break the connection and raise TimeoutError if the body of this context takes too long.
 
-        The library uses one lock for all sends, including answers to pings, and waits for this lock without a deadline.
-        A server that sends pings and reads nothing would block it forever.
+        The websocket library uses one lock for everything that it sends, including answers to pings, and waits for this
+        lock without a deadline. A server that sends pings but does not read would therefore block it forever.
 
         Raises:
-            OSError: Also if the connection is broken.
-            PolicyError: If this side broke the connection because a message was too large.
+            OSError: If the connection is broken or the time limit has passed.
+            PolicyError: If this side closed the connection because a message was too large.
         """
         late = threading.Event()
 
         def cut() -> None:
             late.set()
-            # Shut down the plain socket: the method of an encrypted socket would wait for the peer.
+            # The underlying socket is shut down directly, because the method of an encrypted socket would wait for the
+            # server.
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)
 
@@ -159,7 +168,7 @@ class WebSocket:
             timer.cancel()
 
     def _not_connected(self, error: Exception) -> Exception:
-        """Return the error for a connection that could not be established."""
+        """Return the error to raise for a connection that could not be established."""
         answer = error if isinstance(error, InvalidStatus) else error.__context__
         if isinstance(answer, InvalidStatus):
             status = answer.response.status_code
@@ -172,7 +181,7 @@ class WebSocket:
                 )
                 return HandshakeError(
                     f"{self._where} rejects this client (HTTP {status}). "
-                    f"Give api_key_env=NAME with the environment variable that contains the key.{other}"
+                    f"Add api_key_env=NAME to the address, where NAME is the environment variable with the key.{other}"
                 )
             if status in _ABSENT:
                 return HandshakeError(
@@ -187,11 +196,11 @@ class WebSocket:
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not a websocket address ({error}).")
-        # if a server sends data before the handshake, an assertion in the library may fail
+        # An assertion in the library may fail if a server sends data before the handshake.
         return ConnectionError(f"the server there is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:
-        """Return the error of a broken connection.
+        """Return the error to raise for a broken connection.
 
         Raises PolicyError if this side closed the connection because a message was too large.
         """
@@ -204,7 +213,7 @@ class WebSocket:
 
 
 def quiet_logger() -> logging.Logger:
-    """Return a logger for the library that hides tracebacks of port scans and broken handshakes."""
+    """Return a logger for the websocket library that does not print tracebacks of port scans and failed handshakes."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet

@@ -1,11 +1,13 @@
-"""Wire formats: conversion between values and bytes in the msgpack variants of policy servers.
+"""Conversion between values and bytes, using the variants of msgpack that policy servers support.
 
-All variants send maps of strings, numbers and arrays, but they mark arrays differently. Arrays are marked as in
-openpi's client, as in vla-evaluation-harness, as a .npy file (GR00T up to N1.6), or as in the package msgpack-numpy.
-The last variant, ``nd``, is used by GR00T N1.7 and some servers with openpi's protocol. Frames are untrusted. Any byte
-string gives a value or a :class:`PolicyError`, and no other error. It takes at most a few times its size in memory. A
-scan before decoding bounds depth and number of values. Arrays must have exactly the number of bytes that their type and
-shape require. Images are bounded before decompression.
+All variants send maps of strings, numbers and arrays, but they mark arrays in different ways: as in openpi's client, as
+in vla-evaluation-harness, as .npy files (GR00T up to N1.6), or as in the package msgpack-numpy. The last variant,
+``nd``, is used by GR00T N1.7 and by some servers with openpi's protocol.
+
+Messages are not trusted. Decoding any bytes gives a value or a :class:`PolicyError`, and the memory that it takes is at
+most a few times the size of the message. The depth and the number of values are checked before decoding. An array must
+have exactly as many bytes as its type and shape require. The size of an image is checked before the image is
+decompressed.
 """
 
 from __future__ import annotations
@@ -27,22 +29,25 @@ from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.json_form import unique_keys
 
 MAX_FRAME_BYTES = 256 * 1024 * 1024
-"""Largest accepted frame [byte]: about 1,300 images of 256 x 256."""
+"""Size of the largest message that is accepted [bytes]. It corresponds to about 1,300 images of 256 x 256 pixels."""
 
 MAX_VALUES = 200_000
-"""Maximum number of values in a frame, array elements not counted."""
+"""Maximum number of values in a message. Elements of arrays do not count."""
 
 MAX_DEPTH = 32
-"""Deepest nesting of lists and maps in a frame."""
+"""Maximum depth to which lists and maps in a message are nested."""
 
 MAX_DECLARED_BYTES = 4 * 1024 * 1024
-"""Largest server declaration [byte]. Statistics of many data sets take about 100 kB."""
+"""Size of the largest declaration that a server may send [bytes].
+
+The statistics of many data sets take about 100 kB.
+"""
 
 MAX_DECLARED_DEPTH = 16
-"""Deepest nesting of lists and maps in a declaration."""
+"""Maximum depth to which lists and maps in a declaration are nested."""
 
 MAX_PIXELS = 4096 * 4096
-"""Largest image that is decompressed."""
+"""Number of pixels of the largest image that is decompressed."""
 
 _MAX_AXES = 16
 _MAX_LENGTH = 2**40
@@ -59,7 +64,7 @@ _NAMES = {
     np.dtype(code).name: np.dtype(code).str
     for code in ("b1", *(f"{k}{n}" for k in "iu" for n in "1248"), *("f2", "f4", "f8"))
 }
-"""Names of plain number types ("float32"), which some servers send instead of NumPy's codes ("<f4")."""
+"""Names of number types ("float32"), which some servers send instead of NumPy's type codes ("<f4"), and their codes."""
 
 _PLAIN_KINDS = ("", *"biufSU")
 
@@ -68,18 +73,18 @@ _UNREADABLE = (
     *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError),
     *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
 )
-"""Exceptions of the decoders for a frame that they cannot read."""
+"""Exceptions that the decoders raise for a message that they cannot read."""
 
 OpenpiArrays = Literal["openpi", "nd"]
-"""Encoding of arrays in an openpi request: as in openpi's own client, or as in msgpack-numpy."""
+"""Encoding of arrays in an openpi request: as in openpi's own client, or as in the package msgpack-numpy."""
 
 ImageCoding = Literal["raw", "png", "jpeg"]
-"""Encoding of uint8 images of vla-eval: raw, or compressed without or with loss."""
+"""Encoding of uint8 images in vla-eval's protocol: not compressed, compressed without loss, or compressed with loss."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """Configuration of one modality in a GR00T server."""
+    """Configuration of one modality of a GR00T server, with the time steps and names of its inputs or outputs."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
@@ -89,24 +94,24 @@ class ModalityConfig:
 
 
 def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
-    """Encode a value as an openpi frame, with arrays tagged as by openpi's own client or by msgpack-numpy.
+    """Encode a value as a message of openpi's protocol. Arrays are marked as in openpi's client or as in msgpack-numpy.
 
-    A value is a dict, list, string, bytes, number or None, or a NumPy array of numbers, booleans or strings. Other
-    types raise InvalidInputError.
+    A value is a dict, list, string, bytes object, number or None, or a NumPy array of numbers, booleans or strings.
+    Raises InvalidInputError for values of other types.
     """
     return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in openpi's protocol, with read-only arrays. Raises PolicyError if it is malformed.
+    """Decode a message of openpi's protocol. Arrays are read-only. Raises PolicyError if the message is malformed.
 
-    Arrays may be marked as in openpi's client or in msgpack-numpy.
+    Arrays may be marked as in openpi's client or as in msgpack-numpy.
     """
     return _decode(data, "openpi", _read_openpi)
 
 
 def marks_arrays_as_nd(data: bytes) -> bool:
-    """Return whether a valid frame contains arrays or numbers in the format of msgpack-numpy."""
+    """Return whether a valid message contains arrays or numbers in the format of msgpack-numpy."""
     found: list[bool] = []
 
     def note(form: dict[Any, Any]) -> object:
@@ -135,7 +140,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
             raise ValueError(f"expected a number or string as scalar, got {type(value).__name__}")
-        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is rejected later
+        with np.errstate(over="ignore"):  # a number that is too large becomes infinite and is rejected later
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
 
@@ -152,14 +157,18 @@ def _mark_nd(thing: object) -> object:
 
 
 def _is_nd(form: Mapping[Any, Any]) -> bool:
-    """Return whether a map is an array or a number. With string keys, it may also be an ordinary map."""
+    """Return whether a map represents an array or a number.
+
+    A map whose keys are strings may also be an ordinary map.
+    """
     return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
 
 
 def _read_nd(form: Mapping[Any, Any]) -> object:
-    """Read an array or a number in the format of msgpack-numpy, whose keys may have become strings.
+    """Decode an array or a number in the format of msgpack-numpy. The keys of the map may be bytes or strings.
 
-    The kind of an array is empty in msgpack-numpy. Other implementations repeat the letter of the type.
+    In msgpack-numpy itself, the entry ``kind`` of an array is empty. Other implementations store the letter of the type
+    in it.
     """
     whole = {name: form.get(name.encode(), form.get(name)) for name in ("nd", "type", "kind", "shape", "data")}
     kind = b"" if whole["kind"] is None else whole["kind"]
@@ -179,7 +188,7 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
 
 
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
-    """Encode a value as a frame in the vla-evaluation-harness dialect. This dialect does not support string arrays.
+    """Encode a value as a message of vla-evaluation-harness. Arrays of strings are not supported.
 
     ``images`` selects the encoding of uint8 arrays with shape (height, width, 3 or 4). Raises the errors of
     :func:`encode_openpi`.
@@ -198,7 +207,7 @@ def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
 
 
 def decode_vla_eval(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in the vla-evaluation-harness dialect (see :func:`decode_openpi`)."""
+    """Decode a message of vla-evaluation-harness. Raises PolicyError if it is malformed."""
     return _decode(data, "vla-eval", _read_vla_eval)
 
 
@@ -220,7 +229,7 @@ def _read_vla_eval(form: dict[Any, Any]) -> object:
 
 
 def is_image(array: np.ndarray, *, channels: tuple[int, ...] = (3,)) -> bool:
-    """Return whether an array is an image, (height, width, channels) uint8."""
+    """Return whether an array has the type and shape of an image, which is (height, width, channels) uint8."""
     return array.ndim == 3 and array.dtype == np.uint8 and array.shape[2] in channels and array.size > 0
 
 
@@ -230,8 +239,8 @@ def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
 
 
 def png_of(image: np.ndarray) -> bytes:
-    """Return the PNG file of an image, (height, width, 3 or 4) uint8."""
-    # zlib level 1: a 256 x 256 image takes 2 ms instead of 10, and 10 % more bytes.
+    """Return the PNG file of an image (height, width, 3 or 4) uint8."""
+    # At zlib level 1, a 256 x 256 image takes 2 ms instead of 10 ms, and 10 % more bytes.
     return _file_of(image, "PNG", compress_level=1)
 
 
@@ -269,12 +278,15 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
 
 
 def encode_gr00t(value: object) -> bytes:
-    """Return the frame of a value in GR00T's dialect, including modality configs (see :func:`encode_openpi`)."""
+    """Encode a value as a message for a GR00T server.
+
+    The value may contain modality configurations. Raises the errors of :func:`encode_openpi`.
+    """
     return _encode(value, _mark_gr00t)
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in GR00T's dialect, from any release (see :func:`decode_openpi`)."""
+    """Decode a message of any release of GR00T. Raises PolicyError if it is malformed."""
     return _decode(data, "GR00T", _read_gr00t)
 
 
@@ -294,13 +306,16 @@ def _mark_gr00t(thing: object) -> object:
 def _read_gr00t(form: dict[Any, Any]) -> object:
     if "__ndarray_class__" in form:
         return _npy(form.get("as_npy"))
-    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # N1.6 and before, N1.7
+    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # up to N1.6, and in N1.7
         return _modality(form.get("as_json"))
     return _read_nd(form) if _is_nd(form) else form  # N1.7
 
 
 def _npy(data: object) -> np.ndarray:
-    """Read the bytes of a .npy file as NumPy writes it, without unpickling and without evaluating its header."""
+    """Read the bytes of a .npy file in the format that NumPy writes.
+
+    The header is not evaluated as Python code, and nothing is unpickled.
+    """
     if not isinstance(data, bytes):
         raise TypeError(f"expected a .npy file as bytes, got {type(data).__name__}")
     width = {b"\x93NUMPY\x01\x00": 2, b"\x93NUMPY\x02\x00": 4}.get(data[:8])
@@ -318,7 +333,7 @@ def _npy(data: object) -> np.ndarray:
 
 
 def _modality(form: object) -> ModalityConfig:
-    if isinstance(form, str):  # N1.5 sends a JSON string, N1.6 the map
+    if isinstance(form, str):  # N1.5 sends the JSON text, N1.6 the map
         if len(form) > _MAX_JSON:
             raise ValueError("a modality config is too long")
         form = json.loads(form, object_pairs_hook=unique_keys)
@@ -340,7 +355,7 @@ def _encode(value: object, mark: Callable[[object], object]) -> bytes:
         return bytes(msgpack.packb(value, default=mark, use_bin_type=True))
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(
-            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+            "message", f"the message cannot be sent ({error})", "Send strings, numbers and arrays"
         ) from error
 
 
@@ -349,7 +364,7 @@ def _refuse(thing: object) -> object:
 
 
 def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
-    """Return an array that can be sent, C-ordered."""
+    """Return a C-ordered array that can be sent. Raises TypeError if the type of the array cannot be encoded."""
     too_long = array.dtype.kind == "f" and array.dtype.itemsize > 8
     if too_long or array.dtype.kind not in ("biufSU" if texts else "biuf"):
         raise TypeError(f"an array of {array.dtype} cannot be encoded")
@@ -359,8 +374,8 @@ def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
 def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object]) -> object:
     try:
         _survey(data)
-        # Map keys must be str or bytes: other keys are not needed, and integer keys chosen to have the same hash would
-        # make building the dict quadratic.
+        # Keys must be str or bytes. Other keys are not needed, and building a dict from integer keys with the same hash
+        # would take quadratic time.
         return msgpack.unpackb(
             data,
             object_pairs_hook=lambda pairs: hook(unique_keys(pairs)),
@@ -370,26 +385,26 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
         )
     except _UNREADABLE as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PolicyError(f"{dialect} frame of {len(data)} bytes: it cannot be read ({problem}).") from error
+        raise PolicyError(f"{dialect} frame of {len(data)} bytes cannot be read ({problem}).") from error
 
 
 def require_depth(value: object, most: int) -> None:
-    """Raise ValueError if lists and maps of a decoded value are nested deeper than a limit."""
+    """Raise ValueError if the lists and maps in a decoded value are nested deeper than ``most``."""
     level = [value]
     for _ in range(most + 1):
         holders = [v for v in level if isinstance(v, (list, tuple, Mapping))]
         if not holders:
             return
         level = [inner for held in holders for inner in (held.values() if isinstance(held, Mapping) else held)]
-    raise ValueError(f"it is nested deeper than {most}")
+    raise ValueError(f"the value is nested deeper than {most} levels")
 
 
 def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
-# msgpack tokens by their first byte. _FIXED: the number of bytes that follow; _SIZED: the size of the length field;
-# _HOLDERS: the size of the count field, and the number of values per count.
+# Tokens of msgpack by their first byte. _FIXED: number of bytes that follow. _SIZED: size of the length field.
+# _HOLDERS: size of the count field, and number of values per count.
 _FIXED = dict(
     zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
 )
@@ -398,39 +413,40 @@ _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 
 
 def _survey(data: bytes) -> None:
-    """Scan the tokens of a frame without building values.
+    """Check the structure of a message before its values are decoded.
 
-    An empty list takes one byte in the frame and 56 bytes in memory, and nesting needs stack space. Both are bounded
-    here, before the decoder allocates memory.
+    An empty list takes one byte in the message but 56 bytes in memory, and nested lists take stack space. The number
+    and the depth of lists are therefore limited before the decoder allocates memory.
 
     Raises:
-        ValueError: If the frame is incomplete, has extra bytes, is too deep, has too many values, or has an extension.
+        ValueError: If the message is incomplete, has extra bytes, is nested too deeply, has too many values, or
+            contains an extension of msgpack.
     """
     at, values, end = 0, 0, len(data)
     if end > MAX_FRAME_BYTES:
-        raise ValueError(f"it is larger than {MAX_FRAME_BYTES} bytes")
-    left = [1]  # remaining values on each level
+        raise ValueError(f"the message is larger than {MAX_FRAME_BYTES} bytes")
+    left = [1]  # number of values that are still to come on each level
     while left:
         if left[-1] == 0:
             left.pop()
             continue
         if at >= end:
-            raise ValueError("it is incomplete")
+            raise ValueError("the message is incomplete")
         left[-1] -= 1
         values += 1
         if values > MAX_VALUES:
-            raise ValueError(f"it contains more than {MAX_VALUES} values")
+            raise ValueError(f"the message contains more than {MAX_VALUES} values")
         at, inside = _token(data, at)
         if inside:
             left.append(inside)
             if len(left) > MAX_DEPTH:
-                raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
+                raise ValueError(f"the message is nested deeper than {MAX_DEPTH} levels")
     if at != end:
-        raise ValueError("it has extra bytes" if at < end else "it is incomplete")
+        raise ValueError("the message has extra bytes" if at < end else "the message is incomplete")
 
 
 def _token(data: bytes, at: int) -> tuple[int, int]:
-    """Return the offset of the next token, and the number of values in this one."""
+    """Return the number of values that the msgpack token at offset ``at`` contains, and the next token's offset."""
     token = data[at]
     at += 1
     if token < 0x80 or token >= 0xE0:
@@ -449,7 +465,7 @@ def _token(data: bytes, at: int) -> tuple[int, int]:
     if token in _HOLDERS:
         width, each = _HOLDERS[token]
         return at + width, each * int.from_bytes(data[at : at + width], "big")
-    raise ValueError(f"it contains an extension or a forbidden byte ({token:#x})")
+    raise ValueError(f"the message contains an extension or a forbidden byte ({token:#x})")
 
 
 def _dtype(text: object, *, texts: bool = True) -> np.dtype[Any]:
@@ -468,10 +484,10 @@ def _shape(given: object) -> tuple[int, ...]:
 
 
 def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
-    """Return a read-only array in native byte order from bytes, a NumPy type string and a shape.
+    """Return a read-only array in native byte order, given its bytes, a NumPy type code and a shape.
 
-    Raises ValueError or TypeError if bytes, type and shape do not match, or if the type is not allowed. Only plain
-    numbers and, with ``texts``, strings are allowed.
+    The elements must be plain numbers or, if ``texts`` is True, strings. Raises ValueError or TypeError if the type is
+    not allowed or does not match the bytes and the shape.
     """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):

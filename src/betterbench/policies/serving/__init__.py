@@ -1,1 +1,1 @@
-"""Server side of the openpi protocol: connections, access control, and a memory budget for frames."""
+"""Server for openpi's protocol, with access control and a limit on the memory that messages take."""

@@ -1,9 +1,10 @@
-"""Memory budget for a server, covering all its clients' unfinished and unanswered messages.
+"""Limit on the memory that messages of all clients of a server take, as long as they are unfinished or unanswered.
 
-A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
-connection, and this budget bounds all connections together. A connection that would exceed the budget waits, which
-stops its peer from sending more data. The connection whose message began first never waits, so at least one message is
-always completed. While others wait, connections that do not finish a message in time are dropped.
+A websocket library stores the received part of a message until the message is complete. The limit on the message size
+bounds the memory of each connection, and this budget bounds the memory of all connections together. If a connection
+would exceed the budget, it waits, which stops its client from sending more data. The connection whose message began
+first never waits, so at least one message can always be completed. While other connections wait, a connection that does
+not finish a message in time is dropped.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import time
 from collections import deque
 
 BUDGET_BYTES = 128 * 1024 * 1024
-"""Budget for the unfinished and unanswered messages of all clients, in addition to one message [bytes]."""
+"""Memory for the unfinished and unanswered messages of all clients, in addition to one message [bytes]."""
 STUCK_S = 5.0
-"""Time limit for a connection to finish one message, or the request that opens it, while others wait [s]."""
+"""Time that a connection may take to finish one message, or the request that opens it, while others wait [s]."""
 
 _POLL_S = 0.05
 _MAX_HEAD = 65_536
@@ -25,13 +26,11 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Counter of the bytes received by one connection, which sends an HTTP request and then websocket frames.
-
-    Only the headers of frames are read (RFC 6455, section 5.2).
+    """Counter of the bytes that one connection receives: first an HTTP request, then websocket frames.
 
     Attributes:
-        unfinished: Bytes of the current message.
-        queued: Bytes of each complete message that is still unanswered.
+        unfinished: Number of bytes received so far of the current message.
+        queued: Size of each message that is complete but has not been answered yet [bytes].
     """
 
     def __init__(self) -> None:
@@ -43,16 +42,16 @@ class MessageMeter:
 
     @property
     def held(self) -> int:
-        """Bytes in memory for the connection."""
+        """Number of bytes in memory for this connection."""
         return self.unfinished + len(self._head) + sum(self.queued)
 
     @property
     def is_within(self) -> bool:
-        """Whether a message, a frame header or the opening request is incomplete."""
+        """Whether an opening request, a frame header or a message has been received only in part so far."""
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
-        """Count received data, and return whether a message, or the request, is now complete."""
+        """Count received data. Return whether these data have completed the opening request or a message."""
         ended, at = False, 0
         if not self.is_greeted:
             self._head += data
@@ -73,12 +72,12 @@ class MessageMeter:
         return ended
 
     def taken(self) -> None:
-        """Remove the first complete message after its answer."""
+        """Stop counting the oldest complete message, since it has been answered."""
         if self.queued:
             self.queued.popleft()
 
     def _read_head(self, data: bytes, at: int) -> int:
-        """Continue reading the header of a frame, and return the offset after it."""
+        """Continue to parse the header of a frame. Return the offset of the first byte that has not been read."""
         while at < len(data):
             self._head.append(data[at])
             at += 1
@@ -106,11 +105,12 @@ class MessageMeter:
 
 
 class Metered:
-    """Connection in the budget.
+    """Connection of a client whose messages count toward the memory budget.
 
     Attributes:
-        waited_s: Time spent waiting for its peer within the current message [s].
-        waits_since: Time at which the current wait began [s, monotonic], or None if there is no wait.
+        waited_s: Time that has been spent waiting for the client during the current message [s].
+        waits_since: Time at which the current wait for the client began [s], as measured by ``time.monotonic``, or
+            None.
         is_cut: Whether the connection was dropped.
     """
 
@@ -121,14 +121,14 @@ class Metered:
         self.waits_since: float | None = None
 
     def within_s(self, now: float) -> float:
-        """Return the time that the current message has waited for its peer [s]."""
+        """Return how long the current message has been waiting for data from the client [s]."""
         if not self.meter.is_within:
             return 0.0
         return self.waited_s + (0.0 if self.waits_since is None else now - self.waits_since)
 
 
 class FrameBudget:
-    """Memory budget shared by all connections of a server. Methods may be called from any thread."""
+    """Memory budget that all connections of a server share. The methods may be called from any thread."""
 
     def __init__(self, most_bytes: int = BUDGET_BYTES, *, stuck_s: float = STUCK_S) -> None:
         self._most, self._stuck_s = most_bytes, stuck_s
@@ -138,25 +138,25 @@ class FrameBudget:
 
     @property
     def held(self) -> int:
-        """Bytes in memory for all connections."""
+        """Number of bytes in memory for all connections."""
         with self._lock:
             return self._held()
 
     def opened(self, connection: socket.socket) -> Metered:
-        """Add a connection."""
+        """Add a connection to the budget."""
         with self._lock:
             self._made += 1
             found = self._open[self._made] = Metered(connection, self._made)
             return found
 
     def closed(self, one: Metered) -> None:
-        """Remove a connection."""
+        """Remove a connection from the budget."""
         with self._lock:
             self._open.pop(one.number, None)
             self._lock.notify_all()
 
     def before_receiving(self, one: Metered) -> None:
-        """Wait until a connection may receive more."""
+        """Wait until a connection may receive more data."""
         with self._lock:
             while not self._may_go_on(one):
                 self._cut_stuck(time.monotonic())
@@ -164,7 +164,7 @@ class FrameBudget:
             one.waits_since = time.monotonic()
 
     def received(self, one: Metered, data: bytes) -> None:
-        """Count data received by a connection."""
+        """Count data that a connection has received."""
         with self._lock:
             now = time.monotonic()
             one.waited_s += 0.0 if one.waits_since is None else now - one.waits_since
@@ -175,24 +175,24 @@ class FrameBudget:
             self._lock.notify_all()
 
     def answered(self, one: Metered) -> None:
-        """Remove the first message of a connection after its answer."""
+        """Stop counting the oldest complete message of a connection, since it has been answered."""
         with self._lock:
             one.meter.taken()
             self._lock.notify_all()
 
     def cut_stuck(self) -> None:
-        """Drop connections that do not finish a message in time while others wait."""
+        """Drop connections that have not finished a message in time, if other connections are waiting."""
         with self._lock:
             self._cut_stuck(time.monotonic())
 
     @property
     def is_dropping(self) -> bool:
-        """Whether a dropped connection has not ended yet."""
+        """Whether there is a connection that was dropped but is not closed yet."""
         with self._lock:
             return any(one.is_cut for one in self._open.values())
 
     def stop(self) -> None:
-        """End all waits."""
+        """Let all waiting connections continue. This is called when the server stops."""
         with self._lock:
             self._is_over = True
             self._lock.notify_all()

@@ -1,4 +1,4 @@
-"""Listening socket with a limit on open connections. Further connections wait in the queue of the system."""
+"""Listening socket that limits the number of open connections. Further connections wait in the system's queue."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ _KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP
 
 
 class Listener(socket.socket):
-    """Listening TCP socket whose ``accept`` waits while ``most`` connections are open, if limited.
+    """Listening TCP socket. If ``most`` is given, ``accept`` waits while that many connections are open.
 
-    ``accept`` also waits if there are no descriptors or memory for another connection, instead of ending the server's
-    loop. A peer that disappears without closing is detected after three minutes.
+    If there are not enough file descriptors or memory for another connection, ``accept`` waits as well, because an
+    error would end the server's loop. A client that disappears without closing its connection is detected after three
+    minutes.
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
-        """Store the listening socket. The budget, if given, counts the received data."""
+        """Take over a bound socket. If a budget is given, it counts the received data."""
         super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
         self._budget = budget
         self._room = None if most is None else threading.BoundedSemaphore(most)
 
     def accept(self) -> tuple[socket.socket, object]:
-        """Return the next connection and its peer's address. Raises OSError when the socket is closed."""
+        """Return the next connection and the address of the client. Raises OSError if the socket has been closed."""
         while self._room is not None and not self._room.acquire(timeout=_PAUSE_S):
             if self.fileno() < 0:
                 raise OSError(errno.EBADF, "the server has stopped")
@@ -65,7 +66,10 @@ class Listener(socket.socket):
 
 
 class _Taken(socket.socket):
-    """Connection that frees a slot when it is closed, and receives within the budget of all connections."""
+    """Connection of a client, whose received data count toward the shared memory budget.
+
+    When it is closed, another client can connect.
+    """
 
     def __init__(self, taken: socket.socket, listener: Listener, budget: FrameBudget | None) -> None:
         super().__init__(taken.family, taken.type, taken.proto, fileno=taken.detach())
@@ -82,7 +86,7 @@ class _Taken(socket.socket):
         return data
 
     def answered(self) -> None:
-        """Remove the first received message from the budget after its answer."""
+        """Stop counting the oldest complete message, since it has been answered."""
         if self._budget is not None and self.metered is not None:
             self._budget.answered(self.metered)
 
@@ -96,13 +100,13 @@ class _Taken(socket.socket):
 
 
 def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
-    """Return a socket that listens for up to ``most`` TCP connections.
+    """Return a socket that listens for TCP connections. At most ``most`` connections are open at the same time.
 
-    Raises InvalidInputError if it cannot be bound.
+    Raises InvalidInputError if the socket cannot be bound.
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError(
-            "--port", f"{port} is not a port", "Give a number from 1 to 65535, or 0 for any free port"
+            "--port", f"{port} is not a port", "Use a number from 1 to 65535, or 0 for any free port"
         )
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
@@ -110,12 +114,12 @@ def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget
     except OSError as problem:
         if problem.errno == errno.EADDRINUSE:
             raise InvalidInputError(
-                "--port", f"{port} is in use on {host}", "Give another port, or 0 for any free port"
+                "--port", f"{port} is in use on {host}", "Use another port, or 0 for any free port"
             ) from None
         if problem.errno == errno.EACCES:
-            raise InvalidInputError("--port", f"no permission to use port {port}", "Give a port above 1023") from None
+            raise InvalidInputError("--port", f"no permission to use port {port}", "Use a port above 1023") from None
         raise InvalidInputError(
             "--host",
             f"{host!r} is not an interface of this machine ({problem.strerror})",
-            "use 127.0.0.1 for this machine only",
+            "Use 127.0.0.1 to accept only connections from this machine",
         ) from None

@@ -1,8 +1,8 @@
-"""Server of the openpi protocol. It sends metadata and then a reply to each request. Errors are sent as text frames.
+"""Server for openpi's protocol. It sends metadata first, then one reply per request. Errors are sent as text frames.
 
-The server is independent of policies: a function makes a :class:`Session` for each connection. Each connection has its
-own thread, so a client that is slow, disconnects or sends garbage does not affect the others. Source of the protocol:
-openpi's ``websocket_policy_server.py`` and its client.
+The server knows nothing about policies: a function that the caller provides creates a :class:`Session` for each
+connection. Each connection has its own thread, so a client that is slow, disconnects or sends invalid data does not
+affect the others. Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from betterbench.policies.serving.listener import listen
 logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 8000
-"""The port of openpi's own server."""
+"""Port on which openpi's own server listens."""
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 128
 """Default maximum number of clients.
 
-A connection takes four file descriptors and two threads, and most machines allow 1,024 descriptors per process.
+A connection takes four file descriptors and two threads, and most machines allow 1,024 file descriptors per process.
 """
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
-"""Largest request. An observation with three cameras of 448 x 448 pixels takes 2 MB."""
+"""Size of the largest request [bytes]. An observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
-"""Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
+"""Time after which the connection to a silent client is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0
-"""Time limit for a silent client while all slots are taken and another client waits [s].
+"""Time after which the connection to a silent client is closed if all slots are taken and another client waits [s].
 
-Between two requests, a policy loop executes an action chunk or resets a scene, which takes seconds, or minutes if a
-person resets a real scene.
+Between two requests, a client executes an action chunk or resets a scene. This takes seconds, or minutes if a person
+resets a real scene.
 """
 
 _AWAY_CODE = 1001
@@ -60,12 +60,12 @@ _ROOM_S, _PAUSE_S = 1.0, 0.02
 
 
 class Session(Protocol):
-    """Session of one connection, with one request at a time."""
+    """Session of one connection. It handles one request at a time."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the reply to a request, which has ``actions`` (horizon, dim) and may have further entries.
+        """Return the reply to a request. It contains ``actions`` (horizon, dim) and possibly further entries.
 
-        Raises BetterError, whose text is sent to the client, if the request cannot be answered.
+        If the request cannot be answered, raise a BetterError. The text of the error is sent to the client.
         """
 
     def close(self) -> None:
@@ -73,7 +73,10 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Server of policy sessions, and context manager that starts and stops the server."""
+    """Server that answers policy requests.
+
+    In a ``with`` block, it is started at the beginning and stopped at the end.
+    """
 
     def __init__(
         self,
@@ -88,13 +91,22 @@ class PolicyServer:
         budget: FrameBudget | None = None,
         idle_while_full_s: float = IDLE_WHILE_FULL_S,
     ) -> None:
-        """Bind the socket, to any free port if ``port`` is 0. Clients are answered after :meth:`start`.
+        """Bind the socket. Clients are answered only after :meth:`start`.
 
-        A session is made when a client sends its first request. ``clients`` is the maximum of simultaneous clients,
-        None for no limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds the unanswered
-        data of all clients. If all slots are taken and another client arrives, the longest silent client is
-        disconnected if it has been silent for more than ``idle_while_full_s`` [s]. Raises InvalidInputError if the
-        address cannot be bound.
+        Raises InvalidInputError if the socket cannot be bound.
+
+        Args:
+            make_session: Function that creates a session. It is called when a client sends its first request.
+            metadata: Metadata that is sent to each client when it connects.
+            host: Interface to listen on.
+            port: Port to listen on. 0 selects any free port.
+            api_key: Key that clients must send, or None.
+            clients: Maximum number of simultaneous clients. None means that there is no limit.
+            on_stop: Function that is called once, when all connections have ended.
+            budget: Limit on the memory for unanswered messages of all clients.
+            idle_while_full_s: Time after which a silent client may be disconnected [s]. If another client arrives while
+                the maximum number is connected, the client that has been silent for the longest time is disconnected,
+                provided that it has been silent for more than this time.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()
@@ -102,7 +114,7 @@ class PolicyServer:
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
         self._open: set[ServerConnection] = set()
-        # Threads run longer than their connections: afterwards they close the session and log that the client left.
+        # Threads live longer than their connections, because they still close the session and log that the client left.
         self._talking: set[threading.Thread] = set()
         self._silent_since: dict[ServerConnection, float] = {}
         self._thread: threading.Thread | None = None
@@ -113,7 +125,7 @@ class PolicyServer:
             max_size=MAX_REQUEST_BYTES,
             max_queue=_QUEUED,
             process_request=self._admit,
-            # no pings: a client that simulates for a minute between two requests may not answer them
+            # No pings are sent, since a client that simulates for a minute between two requests may not answer them.
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
             logger=quiet_logger(),
@@ -128,12 +140,12 @@ class PolicyServer:
 
     @property
     def client_host(self) -> str:
-        """Host name for clients on this machine."""
+        """Host name under which clients on this machine reach the server."""
         return LOOPBACK if self.host in ("0.0.0.0", "::", "") else self.host  # noqa: S104 - compared, not bound
 
     @property
     def address(self) -> str:
-        """Policy address for evaluating the served policy."""
+        """Policy address under which the served policy can be evaluated."""
         host = self.client_host
         return f"openpi://{f'[{host}]' if ':' in host else host}:{self.port}"
 
@@ -143,7 +155,7 @@ class PolicyServer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Reject new connections, close open connections, and wait until their threads have ended."""
+        """Reject new connections, close the open connections, and wait until their threads have ended."""
         thread, self._thread = self._thread, None
         self._budget.stop()
         if thread is None:
@@ -151,10 +163,10 @@ class PolicyServer:
             return
         self._server.shutdown()
         thread.join()
-        # older releases of websockets do not close open connections
+        # Older releases of websockets do not close open connections themselves.
         with self._lock:
             left, talking = list(self._open), list(self._talking)
-        # In parallel, because each close waits for an answer from a client that may not respond.
+        # The connections are closed in parallel, because each close waits for a client that may not respond.
         closing = [threading.Thread(target=_close, args=(connection,), daemon=True) for connection in left]
         for closer in closing:
             closer.start()
@@ -173,10 +185,10 @@ class PolicyServer:
         self.stop()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer health checks, and reject clients without access."""
+        """Answer health checks, and reject clients that are not allowed to use the server."""
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
-        # a browser lets any page open a websocket to this machine, and sends the origin of the page
+        # A browser lets any web page open a websocket to this machine, and sends the origin of the page.
         if not set(request.headers.get_all("Origin")) <= self._own_origins:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "Pages of other sites may not use this server.\n")
         if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
@@ -187,12 +199,15 @@ class PolicyServer:
                 return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server requires an Api-Key.\n")
         if self._full() and not self._room_made():
             return connection.respond(
-                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has reached its maximum of clients.\n"
+                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has reached its maximum number of clients.\n"
             )
         return None
 
     def _room_made(self) -> bool:
-        """Drop a client that is stuck in a message or silent for long, and return whether a slot will soon be free."""
+        """Try to disconnect a client that does not finish a message or has been silent for too long.
+
+        Return whether another client can now connect.
+        """
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
         end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)
@@ -201,29 +216,35 @@ class PolicyServer:
         return not self._full()
 
     def _let_silent_go(self) -> bool:
-        """Close the connection of the longest silent client, if it has been silent for too long while others wait."""
+        """Close the connection that has been silent for the longest time, if it has been silent for too long.
+
+        Return whether a connection was closed.
+        """
         with self._lock:
             if self._clients is None or len(self._open) < self._clients or not self._silent_since:
                 return False
             longest = min(self._silent_since, key=self._silent_since.__getitem__)
             if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
                 return False
-            # The mark prevents other new clients from closing the connection again, and stops its thread, which a frame
-            # may have woken
+            # Removing the entry prevents other new clients from closing the connection again. It also ends the
+            # connection's thread, which a frame may have woken up.
             del self._silent_since[longest]
-        logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
-        # in a thread, because closing waits for a client that may not respond
-        closing = (_AWAY_CODE, "This client was silent for too long while others wait.")
+        logger.info(
+            "%s is disconnected, because it was silent for too long while others are waiting",
+            _name_of(longest.remote_address),
+        )
+        # This is done in a thread, because closing waits for a client that may not respond.
+        closing = (_AWAY_CODE, "This client was silent for too long while others were waiting.")
         threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
         return True
 
     def _full(self, more: int = 1) -> bool:
-        """Return whether ``more`` additional clients would be too many."""
+        """Return whether there would be too many clients if ``more`` additional clients connected."""
         with self._lock:
             return self._clients is not None and len(self._open) + more > self._clients
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Serve one client until it disconnects."""
+        """Answer one client until it disconnects."""
         client = _name_of(connection.remote_address)
         with self._lock:
             self._open.add(connection)
@@ -233,12 +254,12 @@ class PolicyServer:
         timing: dict[str, float] = {}
         try:
             if self._full(0):
-                connection.close(_FULL_CODE, "This server has reached its maximum of clients.")
+                connection.close(_FULL_CODE, "This server has reached its maximum number of clients.")
                 return
             connection.send(self._greeting)
             while (frame := self._next_frame(connection)) is not None:
-                # Creation waits for the first request, because it may load weights, which takes longer than a client's
-                # deadline to connect.
+                # The session is created at the first request, because loading weights may take longer than a client
+                # waits for a connection.
                 session = session or self._make_session()
                 began = time.perf_counter()
                 reply = self._reply(session, frame)
@@ -253,7 +274,7 @@ class PolicyServer:
             text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
             logger.warning("%s: %s", client, text.strip().splitlines()[-1])
             if session is not None:
-                session.close()  # before the client is notified and reconnects
+                session.close()  # before the client gets the error and reconnects
                 session = None
             with contextlib.suppress(ConnectionClosed):
                 connection.send(text)
@@ -269,7 +290,10 @@ class PolicyServer:
                 self._talking.discard(threading.current_thread())
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
-        """Return the next frame of a client, or None after disconnecting a client that was silent for too long."""
+        """Return the next frame from a client.
+
+        If the client has been silent for too long, disconnect it and return None.
+        """
         with self._lock:
             self._silent_since[connection] = time.monotonic()
         try:
@@ -282,7 +306,7 @@ class PolicyServer:
         return None if is_let_go else frame
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame. Raises InvalidInputError unless the frame is a request."""
+        """Return the reply to a frame. Raises InvalidInputError if the frame is not a request."""
         if isinstance(frame, str):
             raise InvalidInputError(
                 "the request", "expected a binary frame, got text", "Send one binary msgpack map per observation"

@@ -1,1 +1,4 @@
-"""Small servers to copy to the GPU machine. Each is a single file without dependencies on this package."""
+"""Small servers (bridges) that users copy to their GPU machine.
+
+Each is a single file that does not need this package.
+"""

@@ -1,7 +1,7 @@
-"""Bridge that serves a policy object over openpi's websocket protocol, in one file to copy to the policy's folder.
+"""Bridge that serves a Python policy over openpi's websocket protocol. It is one file to copy to the policy's folder.
 
-It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict) -> dict``
-like Being-H's. Write a file that creates the policy::
+The bridge needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict)
+-> dict``, which Being-H's policy has. Write a file that creates the policy::
 
     # my_policy.py, in the same folder as this file, in the environment of Being-H
     from BeingH.inference.policy import InternVLPolicy
@@ -9,18 +9,20 @@ like Being-H's. Write a file that creates the policy::
     def make():
         return InternVLPolicy(model_path="path/to/checkpoint", ...)  # with the options of your own server script
 
-and serve that policy, then evaluate it from any machine::
+Serve this policy, then evaluate it from any machine::
 
     python being_h_bridge.py my_policy:make --port 8000
     better eval --policy "openpi://HOST:8000?preset=being_h_libero" ...
 
-The bridge listens only on this machine unless ``--host 0.0.0.0`` is given. ``--api-key-env NAME`` requires a key from
-clients. Neither side unpickles data. The policy gets one request at a time, for any number of clients.
+The bridge accepts only connections from the same machine unless ``--host 0.0.0.0`` is given. ``--api-key-env NAME``
+requires clients to send a key. Neither the bridge nor the client unpickles data. The policy gets one request at a time,
+however many clients are connected.
 
-For real-time chunking, give ``--inference-delay`` in control steps. The bridge stores the policy's ``action_unified``
-for the connection and passes it back as ``prev_chunk`` with ``inference_delay`` in the next request. A new episode must
-begin without a previous chunk, so the client must send its step number. For this, add a state with the key
-``better/step`` and the single part ``step`` to the adapter. The bridge does not pass this number to the policy.
+For real-time chunking, set ``--inference-delay`` to the number of control steps that one answer takes. The bridge
+stores the policy's ``action_unified`` for each connection and passes it to the policy as ``prev_chunk``, together with
+``inference_delay``, in the next request. A new episode must begin without a previous chunk, so the client must send its
+step number: add a state with the key ``better/step`` and the single part ``step`` to the adapter. The bridge does not
+pass this number to the policy.
 """
 
 from __future__ import annotations
@@ -56,10 +58,10 @@ MAX_FRAME_BYTES = 256 * 1024 * 1024
 
 
 class ServedPolicy(Protocol):
-    """Interface of the policy object that this bridge serves."""
+    """Interface that the policy object must have to be served by this bridge."""
 
     def get_action(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Return ``action.<name>`` entries, each (chunk, size) or (1, chunk, size)."""
+        """Return a dict with entries ``action.<name>``, each an array (chunk, size) or (1, chunk, size)."""
 
 
 def encode(value: object) -> bytes:
@@ -89,7 +91,7 @@ def _read(form: dict[Any, Any]) -> object:
     if b"__ndarray__" in form:
         dtype = np.dtype(form[b"dtype"])
         if dtype.kind not in "biufSU":
-            raise ValueError(f"an array of {dtype} is not supported")
+            raise ValueError(f"arrays of type {dtype} are not supported")
         return np.frombuffer(form[b"data"], dtype).reshape(form[b"shape"]).copy()
     if b"__npgeneric__" in form:
         return np.dtype(form[b"dtype"]).type(form[b"data"])
@@ -97,16 +99,19 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Request handler for all connections. The policy answers one request at a time."""
+    """Server that answers the requests of all connections. The policy answers only one request at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
-        """Store the policy. ``inference_delay`` is the number of control steps that one answer takes."""
+        """Store the policy.
+
+        ``inference_delay`` is the number of control steps that pass until the policy has answered.
+        """
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
         self._told = False
 
     def listen(self, host: str, port: int) -> Server:
-        """Return a bound server, with the methods ``serve_forever`` and ``shutdown``."""
+        """Return a server bound to the host and port. It has the methods ``serve_forever`` and ``shutdown``."""
         return serve(
             self._converse,
             host,
@@ -126,7 +131,10 @@ class Bridge:
         return None
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Send the metadata, then answer each request. An error is sent as text and ends the connection."""
+        """Send the metadata, then answer each request.
+
+        An error is sent to the client as text and ends the connection.
+        """
         kept: dict[str, Any] = {}
         with contextlib.suppress(ConnectionClosed):
             connection.send(encode({"server": "being_h_bridge", "policy": type(self._policy).__name__}))
@@ -169,11 +177,11 @@ class Bridge:
 
 
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the request entries for real-time chunking, or an empty dict if the old chunk is used up.
+    """Return the request entries for real-time chunking, or an empty dict if too few actions of the old chunk are left.
 
-    The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
-    horizon, dim), is therefore shifted by the steps that have passed and padded with its last row, which the policy
-    ignores.
+    The policy uses the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
+    horizon, dim), is therefore shifted by the number of steps that have been executed since it was returned. The
+    missing rows at the end are filled with copies of the last row, which the policy ignores.
     """
     passed = step - asked_at
     if not delay or chunk.shape[-2] - passed < delay:
@@ -183,7 +191,7 @@ def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -
 
 
 def _whole(value: object) -> int | None:
-    """Return a number or None. The number may be given as an array of one element."""
+    """Convert a number, or an array of one number, to an integer. Return None for any other value."""
     if value is None or isinstance(value, str):
         return None
     array = np.asarray(value)
@@ -191,19 +199,24 @@ def _whole(value: object) -> int | None:
 
 
 def _plain(value: object) -> object:
-    """Return a tensor as an array without importing torch, and any other value unchanged."""
+    """Convert a torch tensor to an array without importing torch. Return any other value unchanged."""
     detach = getattr(value, "detach", None)
     return value if detach is None else detach().float().cpu().numpy()
 
 
 def serve_from_command_line() -> int:
-    """Serve the policy named on the command line, and return the exit status."""
+    """Serve the policy named on the command line. Return the exit status of the process."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("make", help="MODULE:FUNCTION that creates the policy, called without arguments")
+    parser.add_argument("make", help="MODULE:FUNCTION to call, without arguments, to create the policy")
     parser.add_argument("--host", default="127.0.0.1", help="interface to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on (default: %(default)s)")
-    parser.add_argument("--inference-delay", type=int, default=0, help="control steps, for real-time chunking")
-    parser.add_argument("--api-key-env", help="environment variable with the key that clients must send")
+    parser.add_argument(
+        "--inference-delay",
+        type=int,
+        default=0,
+        help=("number of control steps that pass until the policy has answered, for real-time chunking"),
+    )
+    parser.add_argument("--api-key-env", help="name of the environment variable with the key that clients must send")
     options = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     where, _, name = options.make.partition(":")
