@@ -35,7 +35,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of a check of an exported data set.
+    """Result of checking an exported data set.
 
     All files and three images per episode and camera are compared with the records (see ``docs/export.md``).
 
@@ -43,7 +43,7 @@ class ExportCheck:
         episodes: Number of episodes.
         frames: Number of frames.
         pictures: Number of images that were rendered again and compared.
-        worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
+        worst_error: Largest mean error of an image, on a scale from 0 to 255. It is 0 for lossless images.
     """
 
     episodes: int
@@ -119,7 +119,7 @@ def _errors(
     where: str,
     most: float,
 ) -> Iterator[float]:
-    """Yield the mean error of each image that was rendered again, in levels of 255.
+    """Yield the mean error of each image that was rendered again, on a scale from 0 to 255.
 
     Raises InvalidInputError if an image is missing or its mean error is larger than ``most``.
     """
@@ -223,7 +223,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean error of an image in levels of 255.
+    """Return the mean error of an image on a scale from 0 to 255.
 
     Return infinity if the image is missing or has another size.
     """

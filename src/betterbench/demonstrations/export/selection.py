@@ -1,4 +1,4 @@
-"""Choice of the recorded episodes that are exported as demonstrations."""
+"""Select the recorded episodes to export as demonstrations."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class DemonstrationManner:
 def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Draw a motion style from a random stream.
 
-    Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle,
+    Teleoperators are up to three times slower than a scripted expert. They pause before contact, approach at an angle,
     and sometimes close the gripper too early. The ranges are assumptions and were not measured.
     """
     return DemonstrationManner(
@@ -102,7 +102,7 @@ class VariedSkills(Skills):
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
-        """Scale a pace by the speed and the acceleration of the motion style."""
+        """Scale the speeds and the acceleration of a motion as the motion style requires."""
         m = self.manner
         return replace(
             pace,
@@ -201,5 +201,5 @@ class VariedSkills(Skills):
     @property
     def _stream(self) -> np.random.Generator:
         if self.chance is None:
-            raise PlanningError("VariedSkills requires a random stream: set chance")
+            raise PlanningError("VariedSkills requires a random stream; set its attribute chance")
         return self.chance

@@ -1,4 +1,4 @@
-"""Production of a demonstration set: workers attempt the planned initial states and write a run folder.
+"""Production of a demonstration set: workers make attempts from the planned initial states and write a run folder.
 
 ``RUN/journal.jsonl`` lists the demonstrations, and ``RUN/attempts/journal.jsonl`` lists every attempt. If no attempt at
 an initial state is accepted, the initial state stays in the plan as an error with its reason, and a replacement is
@@ -77,10 +77,10 @@ MOST_WORKERS = 256
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """Method by which the demonstrations of a run are made. It can be pickled, so that it can be sent to workers.
+    """How the demonstrations of a run are made. Instances can be pickled, so that they can be sent to workers.
 
     Attributes:
-        policy: Policy name in the records, which names the expert or the amplifier.
+        policy: Policy name in the records: the name of the expert or of the amplifier.
         first_seed: First seed of the initial states.
         attempts: Maximum number of attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
@@ -227,7 +227,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """Progress of a set: numbers of finished and planned demonstrations and of attempts, and the last outcome."""
+    """Progress of a set: finished and planned demonstrations, number of attempts, and the last outcome."""
 
     done: int
     planned: int
@@ -241,7 +241,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 class AttemptJournal(VersionedJournal):
     """Journal of all attempts in a run.
 
-    If several lines are about the same initial state, the last of them counts. Raises the same errors as
+    If several lines are about the same initial state, only the last one is used. Raises the same errors as
     :class:`VersionedJournal`.
     """
 

@@ -1,10 +1,10 @@
 """Variety of demonstrations: how much they differ in corresponding motions.
 
 Two demonstrations of the same condition are compared in the motions that belong to the same subgoal and skill. The
-random positions of objects in their slots are removed first, so that copies of one path from different initial states
-have no variety. Paths are compared by their offset from the straight line between their end points. Grasps and
-approaches are compared in the frame of the object. Every value is a mean over pairs of demonstrations, so it does not
-depend on the number of demonstrations.
+random positions of objects in their slots are removed first, so that copies of the same path count as zero variety even
+if they begin at different initial states. Paths are compared by their offset from the straight line between their end
+points. Grasps and approaches are compared in the frame of the object. Every value is a mean over pairs of
+demonstrations, so it does not depend on the number of demonstrations.
 """
 
 from __future__ import annotations

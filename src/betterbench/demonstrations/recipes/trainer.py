@@ -1,4 +1,4 @@
-"""Setup for training by a recipe: files for the framework, settings with their sources, and manual checks."""
+"""Setup for training with a recipe: files for the framework, settings with their sources, and manual checks."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class TrainingData:
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """Training run that the user requests.
+    """Training run requested by the user.
 
     Attributes:
         recipe: Recipe to follow.
@@ -217,7 +217,7 @@ def recorded_data(folder: Path) -> TrainingData:
     if missing:
         cameras = ", ".join(sorted(c.removeprefix("observation.images.") for c in info.features if ".images." in c))
         problem = f"expected a camera {missing[0]!r}, found {cameras or 'none'}"
-        raise InvalidInputError(place, problem, "Name the cameras front and wrist when recording")
+        raise InvalidInputError(place, problem, "Name the cameras 'front' and 'wrist' when recording")
     return TrainingData(place, "", info.total_frames, rate_hz=info.fps, episodes=info.total_episodes)
 
 
@@ -305,7 +305,10 @@ def export_line(data: TrainingData, to: str, *, images: str = "video", place: st
 
 
 def record_lines(place: str) -> str:
-    """Return the commands that record the paper's demonstrations, one session per instruction and object layout."""
+    """Return the commands that record the demonstrations of the BeTTER paper.
+
+    There is one recording session per instruction and object layout.
+    """
     task = get_task("fruit_basket")
     lines = []
     for number, condition in enumerate(task.training):
@@ -425,7 +428,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Describe how many samples the training uses and, if the data set is known, how often it passes over the data."""
+    """Describe how many samples are used for training and, if the data set is known, how many epochs these are."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

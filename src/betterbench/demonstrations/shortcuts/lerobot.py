@@ -79,7 +79,7 @@ class Choices:
         instruction: Column with the instruction, either in the frames or in the tasks file.
         grippers: Names of the gripper components, one per arm.
         places: Names of the position components, with the same number of components for each gripper.
-        closed: End of the gripper's range that means closed.
+        closed: The closed end of the gripper's range.
         seed: Seed for drawing the sample if there are more than :data:`MOST_EPISODES` episodes.
     """
 
@@ -111,8 +111,9 @@ def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     """Return the facts about each episode of a LeRobot data set.
 
-    If the instruction changes within an episode, there are separate facts about each segment with one instruction. With
-    two arms, there is one group of facts per arm, and another group that states which arm closes its gripper first.
+    If the instruction changes within an episode, the episode is split into segments, and there are separate facts about
+    each segment. With two arms, there is one group of facts per arm, and another group that states which arm closes its
+    gripper first.
 
     Args:
         path: Folder of the data set.
@@ -510,7 +511,7 @@ class _Arm:
             chosen: Gripper and position components of the arm.
             jaws: Range of the gripper's values, and which end means closed.
             episodes: Values of all episodes.
-            shortest: Minimum number of rows for which a gripper is closed or open.
+            shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
         """
         grip, place = chosen
         grips, ways = [e.grips[grip.arm] for e in episodes], [e.ways[grip.arm] for e in episodes]
@@ -543,7 +544,7 @@ class _Arm:
 
 
 def _shortest(info: Mapping[str, Any]) -> int:
-    """Return the minimum number of consecutive frames for which a gripper counts as closed or open."""
+    """Return the minimum number of consecutive frames for which a gripper must be closed or open."""
     return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
 
 
@@ -555,7 +556,10 @@ def _rate(info: Mapping[str, Any]) -> float | None:
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield the facts about one arm for each segment with one instruction in each episode."""
+    """Yield the facts about one arm.
+
+    Each episode is split into segments in which the instruction does not change. There is one set of facts per segment.
+    """
     exact = arm.place.space in ("position", "steps")
     names = []
     for edges in (arm.closings, arm.openings):
@@ -583,7 +587,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield one fact for each segment with one instruction: which arm closes its gripper first."""
+    """For each segment of an episode with a constant instruction, yield which arm closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -593,7 +597,7 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """Data that were read and choices that were made, for the description of the data set.
+    """The data that were read and the choices that were made, from which the description of the data set is made.
 
     Attributes:
         still: Grippers that never move, each with the evidence.
@@ -644,7 +648,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield sentences that describe how the frames had to be sorted or joined."""
+    """Yield sentences on how the frames had to be sorted or joined."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = (
             f"by episode_index and {key}"

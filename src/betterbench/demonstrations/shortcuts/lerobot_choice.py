@@ -74,7 +74,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that tells how far the gripper of an arm is closed, with the reason why it was chosen."""
+    """Component that measures how far the gripper of an arm is closed, with the reason why it was chosen."""
 
     arm: str
     number: NamedNumber
@@ -349,9 +349,9 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the end of a gripper's range that means closed, ``low`` or ``high``, if the gripper's name implies it.
+    """Return which end of a gripper's range is closed (``low`` or ``high``) according to its name, and the reason.
 
-    The end is returned with the reason. Return None if the name does not imply either end.
+    Return None if the name does not imply either end.
     """
     for label in number.labels:
         words = set(tokens(label))

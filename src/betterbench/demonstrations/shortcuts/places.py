@@ -99,7 +99,7 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the direction in which a path in the plane sets out, rounded to one of eight directions.
+    """Return the direction in which a path in the plane starts, rounded to one of eight directions.
 
     Return "" if the path does not leave its first point.
 

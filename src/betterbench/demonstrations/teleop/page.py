@@ -52,7 +52,7 @@ class PanelState:
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Text with the height of the tool above the table; "" if no episode is loaded.
-        images: Note that the camera images are late; "" if they are in time.
+        images: Text that says how late the camera images are; "" if they are up to date.
     """
 
     title: str

@@ -1,7 +1,7 @@
 """Teleoperated episode.
 
-It turns the operator's commands into states of the scene, and does not depend on the clock, the browser or the input
-devices.
+A session turns the operator's commands into states of the scene. It does not depend on the clock, the browser or the
+input devices.
 
 Commands use the same action space as policies, so the record has the same format as that of any other episode. The
 session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the last of

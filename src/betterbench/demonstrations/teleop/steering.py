@@ -43,7 +43,7 @@ class Reach:
     def within(self, wanted: Pose) -> tuple[Pose, str]:
         """Return the pose within the limits that is nearest to the wanted pose.
 
-        The second returned value is the reason why the two poses differ, or "" if they are equal.
+        Also return the reason why the two poses differ, or "" if they are equal.
         """
         position, why, limits = np.array(wanted.position), "", self.limits
         if position[2] < self.lowest_m:
