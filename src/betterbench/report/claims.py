@@ -113,7 +113,7 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the basis of a conclusion about a run without variations.
+    """Return the statistical basis of a conclusion about a run without variations.
 
     The trials that would settle open conclusions are the variations of the same tasks, since they show how the policy
     reasons.
@@ -146,7 +146,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
     """Test the claim that a policy has no failure, for a run in which all variation trials succeeded.
 
-    At least six solved trials are needed to rule out a policy that fails half of the variation trials.
+    At least six solved trials are needed to rule out that the policy fails half of all variation trials.
     """
     p = chance_p(Rate(n, n), chance=0.5)
     test = "variation trials solved, against one half (exact binomial)"

@@ -41,7 +41,7 @@ class ConditionRow:
         twin_instruction: Instruction of the training condition from which the variation is derived.
         support: Whether the required poses lie inside the training distribution; "" if unknown.
         trial: Success rate of the trials.
-        twin: Success rate of the training twins, i.e. of the training trials with the same seeds, that are in the run.
+        twin: Success rate of those training twins (training trials with the same seeds) that are in the run.
         gap: Illusion gap: success rate of the training twins minus success rate of the variation trials.
         segments: Outcomes that occurred, in the order in which the chart stacks them.
         verdict: Verdict in words, for a run of ``better eval --until-decided``; "" for other runs.
@@ -180,9 +180,9 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate in a scope from the metrics of the run.
+    """Return the success rate over a part of the trials, as given in the metrics of the run.
 
-    If it is missing there, compute it from the trials.
+    If the metrics do not contain it, compute it from the trials.
     """
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:

@@ -1,4 +1,4 @@
-"""Report section about each task: the results of every policy, findings and films."""
+"""Report section about each task: the results of every policy, findings and film strips."""
 
 from __future__ import annotations
 

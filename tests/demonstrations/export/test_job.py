@@ -129,7 +129,7 @@ def test_the_same_command_again_does_nothing_and_another_one_is_refused(demonstr
     with pytest.raises(RunConflictError, match="another data set"):
         export_dataset(plan_of(demonstrations.run, out, layout=layout_of("vla_eval")))
     (tmp_path / "mine").mkdir()
-    with pytest.raises(RunConflictError, match="a folder that better export did not write already exists here"):
+    with pytest.raises(RunConflictError, match="a folder that `better export` did not write already exists here"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "mine"))
 
 

@@ -203,8 +203,8 @@ def _source(path: Path) -> dict[str, Any]:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        problem = f"this is not a data set of better export ({said})"
-        raise InvalidInputError(str(path), problem, "Pass the folder or file that better export wrote") from error
+        problem = f"this is not a data set of `better export` ({said})"
+        raise InvalidInputError(str(path), problem, "Pass the folder or file that `better export` wrote") from error
     form: dict[str, Any] = source
     return form
 

@@ -265,7 +265,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
             )
         if out.is_dir():
             raise RunConflictError(
-                f"{out}: a folder that better export did not write already exists here, and is not replaced. Choose "
+                f"{out}: a folder that `better export` did not write already exists here, and is not replaced. Choose "
                 "another name."
             )
         require_replaceable(out, "export", is_ours=lambda _: False)

@@ -80,7 +80,7 @@ def select_demonstrations(
             where,
             f"no requested demonstration was found ({listed})",
             "Use a run with successful trials of training conditions, or include trials of test variations "
-            "(--variations of better export, or variations: true in a recipe of better train)",
+            "(--variations of `better export`, or variations: true in a recipe of `better train`)",
         )
     _require_once(found, runs)
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))

@@ -168,7 +168,7 @@ def method_of(run: RunFolder) -> Method:
 
     Raises RecordError if the run does not contain demonstrations.
     """
-    where, cure = f"{run.path}: plan.demonstrations", "Use a run folder of better collect or better amplify"
+    where, cure = f"{run.path}: plan.demonstrations", "Use a run folder of `better collect` or of `better amplify`"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
     return Method(
@@ -366,7 +366,7 @@ def amplify(
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
         raise InvalidInputError(
-            str(sources), "it contains no demonstrations", "Collect demonstrations with better collect"
+            str(sources), "it contains no demonstrations", "Collect demonstrations with `better collect`"
         )
     regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:

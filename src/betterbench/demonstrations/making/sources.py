@@ -159,7 +159,7 @@ def load_library(run: RunFolder, task: str) -> Library:
             continue
         if entry.seed < FIRST_DEMONSTRATION_SEED:
             problem = f"{entry.key} has a test seed, which must not be used for training"
-            cure = f"Use demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
+            cure = f"Use demonstrations of `better collect`, with seeds of at least {FIRST_DEMONSTRATION_SEED:,}"
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
         _require_version(record, str(run.record_path(entry.task, entry.condition, entry.seed)))

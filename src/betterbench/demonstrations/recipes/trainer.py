@@ -21,8 +21,8 @@ from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.tasks import get_task
 
 SOURCE_FILE = Path("meta/betterbench.json")
-_CURE = "Use a folder that better export wrote, or a folder that does not exist yet"
-_RECORD_AGAIN = "Use a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
+_CURE = "Use a folder that `better export` wrote, or a folder that does not exist yet"
+_RECORD_AGAIN = "Use a data set that `lerobot-record` wrote, with so101_follower and the cameras 'front' and 'wrist'"
 _MAX_META_BYTES = 1 << 28
 REAL_CAMERAS = ("front", "wrist")
 SO101_COLUMNS = SO101_DEGREES.components
@@ -173,7 +173,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         _SOURCE, open_seal(raw, where=str(file), cure=_CURE, since=("version", 2)), where=str(file), cure=_CURE
     )
     to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
-    cure = f"Export it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
+    cure = f"Export it with `better export RUN --to {to} --preset {preset} --out {shell_word(place)}`"
     if source.layout.adapter.name != preset:
         found = one_line(source.layout.adapter.name, most=80)
         raise InvalidInputError(place, f"its layout is {found}, but this trainer needs {preset}", cure)

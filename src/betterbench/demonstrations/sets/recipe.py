@@ -25,7 +25,7 @@ from betterbench.version import __version__
 RECIPE_VERSION = 1
 """Version of the procedure that makes a training set from a recipe."""
 _MAX_BYTES = 1 << 20
-_CURE = "Use the --out folder of better dataset"
+_CURE = "Use the --out folder of `better dataset`"
 
 
 @strict_form

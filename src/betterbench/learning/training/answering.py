@@ -28,11 +28,11 @@ _KEPT_RECORDS = 8
 
 
 class LearnerModel:
-    """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
+    """Learner that answers the questions in one question set; see :class:`~betterbench.vqa.llm.Model`.
 
-    A model receives only an image and a prompt, so the question and its recorded state are looked up by these. If two
-    options lie in the same cell of the image, the learner cannot tell them apart. One of the two is then chosen by a
-    hash of the question, which is correct in half of the cases.
+    A model receives only an image and a prompt. They are used to look up the question and the recorded state that it is
+    about. If two options lie in the same cell of the image, the learner cannot tell them apart. A hash of the question
+    then picks one of the two, so that the answer is right in about half of these cases.
     """
 
     def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
@@ -53,7 +53,7 @@ class LearnerModel:
         other = next((q.source.trial for q in asked.questions if str(q.source.trial) not in planned), None)
         if other is not None:
             problem = f"{run.path} has no trial {other}, but {asked.path} has questions about it"
-            raise InvalidInputError("--records", problem, "Use the run from which better vqa made the set")
+            raise InvalidInputError("--records", problem, "Use the run from which `better vqa` made the set")
         self.name = name
         self._learner = learner
         self._number = {answer: i for i, answer in enumerate(learner.trained.vocabulary.answers)}
@@ -94,7 +94,7 @@ def _digest(picture: bytes) -> str:
 
 
 def _possible(question: Question) -> list[tuple[str, str]]:
-    """Return the possible answers to a question, each as the text to reply and the learner's answer class."""
+    """Return the possible answers to a question, as pairs of the reply and the learner's answer class."""
     if question.form is Form.CHOICE:
         return [(letter(i), option_class(text, question.width)) for i, text in enumerate(question.options)]
     if question.form is Form.YES_NO:

@@ -223,12 +223,14 @@ def _frames_beside(place: str) -> Path:
 
 
 def _opened(place: str) -> RunFolder:
-    """Open the run at a path that the recipe names."""
+    """Open the run at a path that the recipe contains."""
     folder = run_folder(Path(place))
     if not place or not (folder / "run.json").is_file():
         problem = f"{place!r} contains no demonstrations"
         raise InvalidInputError(
-            "data", problem, "Use folders of better dataset, or runs of better collect, amplify or teleop"
+            "data",
+            problem,
+            "Use folders of `better dataset`, or runs of `better collect`, `amplify` or `teleop`",
         )
     return RunFolder.open(folder)
 

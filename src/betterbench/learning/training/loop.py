@@ -116,7 +116,7 @@ def train(
     device: str = "cpu",
     on_progress: OnTraining | None = None,
 ) -> TrainingResult:
-    """Train a policy by a recipe, or resume an interrupted training run.
+    """Train a policy according to a recipe, or resume an interrupted training run.
 
     On the same machine and with the same numbers of threads and processes, the weights are bit-identical with and
     without interruptions.

@@ -26,7 +26,7 @@ from betterbench.vqa import Question, QuestionSet, read_set
 from betterbench.vqa.blind import answer_class, box_cell, in_cells
 from betterbench.vqa.types.grounding import CELLS
 
-_CURE = "Create a set with better vqa from the demonstrations listed in the recipe"
+_CURE = "Create a set with `better vqa` from the demonstrations listed in the recipe"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -78,7 +78,7 @@ def _escaped(part: str) -> str:
 
 
 def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
-    """Return the conclusions of a power matrix about the suite, as sentences."""
+    """Return sentences that state what the power matrix shows about the suite."""
     keys = matrix.variations
     control = [_name(key) for key in keys if matrix.control(key)]
     told = len(keys) - len(control)
@@ -130,15 +130,15 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
 
 
 def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells whose success rate is above chance after a correction for multiple tests.
+    """Return the cells with a success rate above chance after a correction for multiple tests.
 
-    The smallest p-value comes first.
+    They are in order of increasing p-value.
     """
     return sorted((c for c in cells if c.flagged), key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells whose success rate is above chance without any correction, smallest p-value first."""
+    """Return the cells with a success rate above chance without any correction, in order of increasing p-value."""
     found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 

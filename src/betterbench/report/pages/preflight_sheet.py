@@ -122,7 +122,9 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
 
 
 class _Page:
-    """Canvas on which texts and images are placed from top to bottom, in pixels from the upper left corner.
+    """Canvas on which texts and images are placed from top to bottom.
+
+    Positions are in pixels from the upper left corner.
 
     The canvas is drawn when it is complete.
     """
@@ -257,7 +259,7 @@ def _text(x: float, y: float, line: str, font: FontProperties, color: str) -> Ca
 
 
 def _box(x: float, y: float, width: float, height: float, page: float) -> tuple[float, float, float, float]:
-    """Convert a rectangle in pixels from the upper left corner to fractions of the figure."""
+    """Convert a rectangle from pixels (with the origin at the upper left) to fractions of the figure size."""
     return x / _WIDTH, 1.0 - (y + height) / page, width / _WIDTH, height / page
 
 

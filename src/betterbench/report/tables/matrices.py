@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: outcomes by the initial states of two objects.
+"""The two diagnostic matrices of the BeTTER paper: outcomes by the initial states of two objects.
 
 An object is on the table, already at its target, or absent.
 """
@@ -83,7 +83,7 @@ class Cell:
         note: Reason why the cell is empty; "" if it is not empty.
         paper: Outcome that the paper reports, for reference.
         twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. In the cell of the training conditions, this rate is based on no trials.
+            scene. The cell of the training conditions has no training twins.
     """
 
     row: State
@@ -109,7 +109,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """One of the paper's diagnostic matrices, filled with the results of a run.
+    """Diagnostic matrix as in the BeTTER paper, filled with the results of a run.
 
     Attributes:
         caption: Meaning of rows and columns.
@@ -205,7 +205,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 def _source(
     name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
 ) -> MatrixSource:
-    """Collect the outcomes of a condition's trials, and the success rate of the training trials with the same seeds."""
+    """Collect the outcomes of a condition's trials and the success rate of the training trials with the same seeds."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]
