@@ -49,7 +49,7 @@ class Grounds:
     """Statistical basis of a conclusion: the test, and the trials that would settle the conclusion if it is open.
 
     Attributes:
-        supported: Whether the conclusion passes its test. Always True for a conclusion that only counts outcomes.
+        supported: Whether the test supports the conclusion. Always True for a conclusion that only states counts.
         test: Name of the test in words.
         p_value: The p-value of the test; None if there is no test.
         deciding: Sentence about the trials that would settle the conclusion; "" if the conclusion is not open.

@@ -105,7 +105,7 @@ class Headline:
         conclusion: One sentence that names the main fault, or says that no fault was found.
         sentences: One or more sentences with the numbers behind the conclusion.
         family: Name of the colors in which the main failure is shown; "right" if there is no failure.
-        effect: Instruction effect, over pairs of trials that differ only in the instruction.
+        effect: Effect of the instruction, measured over pairs of trials that differ only in the instruction.
         effect_sentence: Sentence that explains the instruction effect.
         needless: Successful trials in which the policy also did a training step that was not requested.
         segments: Outcomes of the variation trials.

@@ -54,7 +54,7 @@ class Part:
 
     Attributes:
         vectors: Values (N, size) of each vector column.
-        subgoals: (N,) name of the current subgoal.
+        subgoals: (N,) name of the current subgoal in each frame.
         videos: Video file of each image column, for the image format "video".
         pngs: N PNG files of each image column, for the image format "png".
         levels: (3, 256) histogram of the sampled images, for each image column.

@@ -74,7 +74,7 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Run the expert in a motion style that is drawn from the scene's seed and the index of the attempt.
+    """Run the expert in a random motion style that depends on the scene's seed and the index of the attempt.
 
     Args:
         scene: The scene.
@@ -150,7 +150,7 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Decide whether an attempt is accepted, i.e. meets all requirements for demonstrations.
+    """Decide whether an attempt meets all requirements for demonstrations and is accepted.
 
     Call this function while the scene is still at the end of the episode.
 

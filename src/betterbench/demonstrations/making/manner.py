@@ -43,7 +43,7 @@ class DemonstrationManner:
         grasp_turn_rad: Strength of the random preference among gripper rotations. When grasps are ranked, a random
             value of at most this size is added to or subtracted from the cost of each rotation [rad].
         raise_m: Additional height of transits [m].
-        detour_m: Largest sideways displacement of the midpoint of a transit, i.e. of the motion between two skills [m].
+        detour_m: Largest sideways displacement of the midpoint of a transit (the motion between two skills) [m].
         pause_s: Mean duration of a pause [s].
         pause_rate: Probability of a pause at each moment where a pause is possible.
         miss_rate: Probability of a missed grasp, in which the gripper closes too early and opens again.

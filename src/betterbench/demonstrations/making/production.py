@@ -1,9 +1,9 @@
 """Production of a demonstration set: workers make attempts from the planned initial states and write a run folder.
 
 ``RUN/journal.jsonl`` lists the demonstrations, and ``RUN/attempts/journal.jsonl`` lists every attempt. If no attempt at
-an initial state is accepted, the initial state stays in the plan as an error with its reason, and a replacement is
-added. The attempts at an initial state depend only on its seed and on the source demonstrations. The records are
-therefore the same for any number of workers, and also after interruptions.
+an initial state is accepted, the initial state is kept in the plan and marked as an error, and a replacement is added.
+The attempts at an initial state depend only on its seed and on the source demonstrations. The records are therefore the
+same for any number of workers, and also after interruptions.
 """
 
 from __future__ import annotations
@@ -292,7 +292,7 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect demonstrations by the expert in varied motion styles.
+    """Collect demonstrations that the expert makes in various motion styles.
 
     If the run was interrupted, calling this function again resumes it.
 

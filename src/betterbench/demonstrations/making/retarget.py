@@ -1,4 +1,4 @@
-"""Transfer of a skill to another scene, keeping its motion relative to the object or the target region.
+"""Transfer a skill to another scene, keeping its motion relative to the object or the target region.
 
 A pick or a slide keeps its motion relative to the object: ``T_new(t) = T_object_new  T_object_source^-1
 T_target_source(t)``. If the object in the new scene is a different instance of the object's category, the motion is

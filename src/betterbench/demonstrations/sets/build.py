@@ -82,7 +82,8 @@ def make_dataset(
 ) -> MadeDataset:
     """Make the training set that a recipe describes.
 
-    If an earlier call was interrupted, calling the function again resumes it. The resulting files are the same.
+    If an earlier call was interrupted, calling the function again resumes the work. The resulting files are the same as
+    without the interruption.
 
     Args:
         recipe: Recipe of the set.

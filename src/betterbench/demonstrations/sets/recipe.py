@@ -120,7 +120,7 @@ def require_recipe(recipe: SetRecipe, out: Path) -> None:
     value of ``demos``, because a larger set contains the smaller one.
 
     Raises:
-        RunConflictError: If the folder contains other files, or the set of another recipe.
+        RunConflictError: If the folder contains other files, or a set made from a different recipe.
         RecordError: If the recipe in the folder cannot be read.
     """
     require_free(out, "dataset", file="recipe.json", besides=(LIST_NAME,))

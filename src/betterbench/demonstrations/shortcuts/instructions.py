@@ -74,8 +74,8 @@ def share_told(joint: _Ints) -> _Floats:
 
     A category consists of demonstrations with the same text, such as the same complete instruction.
 
-    The comparison is with always guessing the most frequent outcome. The outcome of each demonstration is guessed from
-    the other demonstrations of its category (leave-one-out). Ties count as half right.
+    The baseline is to always guess the most frequent outcome. The outcome of each demonstration is guessed from the
+    other demonstrations of its category (leave-one-out). Ties count as half right.
 
     Args:
         joint: (..., categories, outcomes) joint counts of one or more tables.

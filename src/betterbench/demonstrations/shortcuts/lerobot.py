@@ -483,7 +483,7 @@ class _Arm:
     Attributes:
         grip: Gripper component of the arm.
         place: Position components of the arm.
-        jaws: Range of the gripper's values, and which end means closed.
+        jaws: Range of the gripper's values, and which end of it is closed.
         closings: For each episode, the rows in which the gripper closes.
         openings: For each episode, the rows in which the gripper opens.
         share_closed: Fraction of all rows in which the gripper is closed.
@@ -509,7 +509,7 @@ class _Arm:
 
         Args:
             chosen: Gripper and position components of the arm.
-            jaws: Range of the gripper's values, and which end means closed.
+            jaws: Range of the gripper's values, and which end of it is closed.
             episodes: Values of all episodes.
             shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
         """

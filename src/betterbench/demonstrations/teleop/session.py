@@ -3,9 +3,9 @@
 A session turns the operator's commands into states of the scene. It does not depend on the clock, the browser or the
 input devices.
 
-Commands use the same action space as policies, so the record has the same format as that of any other episode. The
-session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the last of
-these moments and removes all later steps from the record.
+Commands are in the same action space as the actions of policies, so the record has the same format as that of any other
+episode. The session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the
+last of these moments and removes all later steps from the record.
 """
 
 from __future__ import annotations

@@ -78,8 +78,8 @@ class Steering:
         """Return the next steering state, and the action that moves the commanded pose toward a target.
 
         The action is in the ``ee_delta`` action space, as an array of shape (7,). Translation and rotation reach the
-        target at the same time. The speed changes with the acceleration of the expert's free motion. A moving target is
-        followed without delay, since the limits apply only to the speed of the commanded pose.
+        target at the same time. The tool speeds up and brakes with the same acceleration as the expert in free motion.
+        A moving target is followed without delay, since the limits apply only to the speed of the commanded pose.
 
         Args:
             now: Commanded pose.

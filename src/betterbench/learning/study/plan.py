@@ -110,8 +110,8 @@ class StudyPlan:
         sources: Number of expert demonstrations from which the others are generated; 0 if the expert makes all
             demonstrations.
         noise: Noise on the executed actions of generated demonstrations, in action units.
-        trials: Number of trials of each learner per variation. The learner has the same number of trials in its
-            training conditions taken together.
+        trials: Number of trials of each learner per variation. All training conditions together get the same number of
+            trials.
         recipe: Fields of the training recipe that differ from the defaults.
         levers: Changes to the recipe, each of which is applied separately.
     """

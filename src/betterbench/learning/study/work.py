@@ -37,8 +37,8 @@ class Workshop:
         ask: Writes approximately the given number of questions about a demonstration set into a folder, and returns
             their hash.
         train: Trains learners, several of them in parallel.
-        evaluate: Evaluates a policy on a task in a folder, with the given number of trials per variation, and diagnoses
-            the trials. Raises an error if the weights do not match their digest.
+        evaluate: Evaluates a policy on a task, with the given number of trials per variation, writes the run into a
+            folder, and diagnoses the trials. Raises an error if the weights do not match their digest.
         threads: Total number of threads for learners that are trained in parallel.
         require_set: Raises an error if the demonstration set in a folder does not match a hash.
     """

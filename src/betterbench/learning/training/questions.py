@@ -1,4 +1,4 @@
-"""Questions about the frames of demonstrations, which a policy learns to answer in addition to acting (co-training).
+"""Co-training: in addition to acting, a policy learns to answer questions about the frames of demonstrations.
 
 The policy chooses among all answers that occur in its training questions. The image is divided into a grid of 8 x 8
 cells. An answer that is a box or a point is represented by the cell that contains its center. The baselines of the
@@ -119,7 +119,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
         records: Trial and SHA-256 of each demonstration, by which the questions are matched.
 
     Raises:
-        RecordError: If a folder contains no complete question set, or a damaged one.
+        RecordError: If a folder contains no complete question set, or the question set is damaged.
         InvalidInputError: If a set is about evaluation trials, or about none of the demonstrations.
     """
     if recipe.co_training is None:

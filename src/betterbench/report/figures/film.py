@@ -135,9 +135,9 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
     """Sort trials so that the most representative trial comes first.
 
     The training twin of a trial is the training trial with the same seed. A trial ranks highest if its training twin
-    succeeded, lower if the training twin failed, and lowest if there is no training twin. For each trial with the
-    highest rank that occurs, the time is taken at which the evidence for its label begins. The trial with the median
-    time comes first. All other trials are sorted by rank and then by seed.
+    succeeded, lower if the training twin failed, and lowest if there is no training twin. Among the trials with the
+    highest rank, the one in which the evidence for the label begins at the median time comes first. All other trials
+    are sorted by rank and then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
