@@ -104,7 +104,8 @@ class Headline:
     Attributes:
         conclusion: One sentence that names the main fault, or says that no fault was found.
         sentences: One or more sentences with the numbers behind the conclusion.
-        family: Name of the colors in which the main failure is shown; "right" if there is no failure.
+        family: Family of the main failure, which determines its color, such as "reasoning"; "right" if there is no
+            failure.
         effect: Effect of the instruction, measured over pairs of trials that differ only in the instruction.
         effect_sentence: Sentence that explains the instruction effect.
         needless: Successful trials in which the policy also did a training step that was not requested.
@@ -220,8 +221,8 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
 
     A policy that always picks from a certain slot takes any object in this slot, including look-alikes of the target.
     If such a rule is proven and most look-alikes were taken from a slot in which the target was during training, the
-    rule explains them, and the label of the rule is returned. The exception is a policy whose attempts are all
-    explained by the appearance of the objects.
+    rule explains them, and the label of the rule is returned. The exception is a policy for which the appearance of the
+    objects explains all attempts.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -264,7 +265,9 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the main sentence of the conclusion, the name of the colors for the failure, and the statistical basis.
+    """Return the main sentence of the conclusion, the family of the failure, and the statistical basis.
+
+    The family is "reasoning", for example.
 
     If there is evidence that the policy does not use the instruction, the conclusion says so, and not how the policy
     fails. The exception is a policy with a habit that explains its wrong first attempts in the whole run, because it

@@ -64,7 +64,7 @@ class ConditionRow:
     verdict: str = ""
 
     def count_of(self, family: str) -> int:
-        """Return the number of trials whose outcome belongs to a color family."""
+        """Return the number of trials with an outcome of the given family, such as "reasoning"."""
         return sum(segment.count for segment in self.segments if segment.mode.family == family)
 
 

@@ -239,7 +239,7 @@ class Amplifier:
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
         """Execute one skill of the primary source demonstration.
 
-        The motion is taken from the first source demonstration whose skill fits the scene.
+        The motion is taken from the first source demonstration with a skill that fits the scene.
         """
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")

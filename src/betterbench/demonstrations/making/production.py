@@ -85,7 +85,7 @@ class Method:
         attempts: Maximum number of attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
         sources_hash: Hash of the source demonstrations; "" for the expert.
-        source_tasks: Tasks whose source demonstrations are included in this hash; empty for the expert.
+        source_tasks: Tasks for which this hash includes the source demonstrations; empty for the expert.
         settings: Settings for the transfer of source demonstrations.
         quality: Render preset of the stored scenes.
         task_files: User files that workers load first.

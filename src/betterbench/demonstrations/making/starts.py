@@ -2,9 +2,9 @@
 
 An initial state is described by discrete levels of several factors. The factors are the appearance of the scene and,
 for each slot of a relevant object, the object's position (a cell of the slot) and its rotation. Seeds are divided into
-blocks of consecutive seeds. In each block, the seed whose levels have occurred least often so far is chosen. The blocks
-do not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. If a seed is
-abandoned, it is replaced by the most similar seed of a spare block.
+blocks of consecutive seeds. In each block, the seed is chosen that has the levels that have occurred least often so
+far. The blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller
+one. If a seed is abandoned, it is replaced by the most similar seed of a spare block.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ class Finding:
             :class:`~betterbench.demonstrations.shortcuts.association.Association`. For complete instructions, see
             :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
         p_value: p-value of the permutation test; None if there was nothing to permute because the value is constant.
-        p_adjusted: p-value multiplied by the number of questions whose p-values are corrected together.
+        p_adjusted: p-value corrected for multiple tests, i.e. multiplied by the number of questions in the same family.
         n: Number of observations.
         verdict: Verdict, see :data:`Verdict`.
         rules: Rules that a policy could follow, in words.
@@ -241,7 +241,7 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """Finding whose p-value is not yet corrected for multiple tests.
+    """Finding with a p-value that is not yet corrected for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
@@ -522,7 +522,7 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """Return, for each instruction, the words whose meaning determines the outcome, joined into one string.
+    """For each instruction, return the words that determine the outcome by their meaning, joined into one string.
 
     If the outcome is a place, these are the words that name places. If the outcome is the order in which objects are
     moved, these are the words that name objects, in the order in which they appear in the instruction.
@@ -671,7 +671,7 @@ def _finding(question: str, title: str, subject: str, found: Association, lines:
 
 
 def _shares(seen: Counter[str]) -> str:
-    """Format values with their frequencies in percent, the most frequent first."""
+    """Format values with their frequencies in percent, starting with the most frequent."""
     total = sum(seen.values())
     ranked = sorted(seen.items(), key=lambda item: (-item[1], item[0]))
     if len(ranked) == 1:
@@ -701,7 +701,7 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 
 
 def _family(group: _Group, question: str) -> str:
-    """Return the family of questions whose p-values are corrected together.
+    """Return the family of a question. The p-values of the questions in a family are corrected together.
 
     In data sets recorded with betterbench, questions about several words form a separate family.
     """

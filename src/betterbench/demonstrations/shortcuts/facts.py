@@ -109,7 +109,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
     """Return the facts of a recorded episode.
 
     Args:
-        record: Record of the episode, whose states show the moved objects.
+        record: Record of the episode. Its states show which objects were moved.
         condition: Condition in which the episode started. The names of its slots are used as names of places.
     """
     meta = record.metadata

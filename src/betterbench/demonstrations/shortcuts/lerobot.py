@@ -2,7 +2,7 @@
 
 The facts come from instructions, actions and proprioception, since these data sets contain no simulator state. Objects
 therefore have no names, and places are the points at which a gripper closes or opens. The columns with the instruction,
-the gripper and the position are recognized by name. A data set whose names are ambiguous is rejected.
+the gripper and the position are recognized by name. A data set is rejected if its names are ambiguous.
 :class:`DataReading` lists the chosen columns.
 """
 
@@ -283,7 +283,7 @@ class _Scanned:
 
     Attributes:
         episodes: Usable episodes.
-        orders: Files whose rows had to be sorted, each with the order of its rows.
+        orders: Files in which the rows had to be sorted, each with the order of its rows.
         short: Number of episodes with fewer than two frames.
         silent: Number of episodes without an instruction.
         pointers: Number of files that are Git LFS pointers.
@@ -662,7 +662,7 @@ def _about(scanned: _Scanned) -> Iterator[str]:
 
 
 def _left_out(read: _Read) -> Iterator[str]:
-    """Yield a description of each part of the data that was left out, with the reason."""
+    """Yield a description of each part of the data that was left out, and the reason."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"

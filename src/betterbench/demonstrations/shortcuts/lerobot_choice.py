@@ -277,9 +277,10 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm whose position components belong to a gripper, as a tuple with one name.
+    """Return the arm that a gripper belongs to, among the arms with position components in a column.
 
-    Return an empty tuple if the column has no such components, or if the choice is ambiguous.
+    The result is a tuple with one name. It is empty if the column has no such components, or if the choice is
+    ambiguous.
 
     Args:
         columns: Components of the data set.

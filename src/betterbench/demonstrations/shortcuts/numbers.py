@@ -55,7 +55,7 @@ class NamedNumber:
         column: Name of the column.
         index: Index of the component in the column.
         name: Name of the component in ``meta/info.json``; "" if it has none.
-        labels: All names of the component from different files, the most specific first.
+        labels: All names of the component from different files, starting with the most specific.
         by: Source of each of these names.
     """
 

@@ -71,7 +71,7 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
 
 def _written(point: _Floats, span: float) -> str:
-    """Format a point with enough digits to tell the cells of a workspace of the given size apart."""
+    """Format a point with enough digits to distinguish the cells of a workspace of the given size."""
     digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
     return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
 

@@ -47,7 +47,7 @@ class PanelState:
         status: State of the episode, in a few words.
         tone: Color of the status: "go", "wait", "good" or "bad".
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
-        said: The most recent messages, the newest last.
+        said: The most recent messages, in order of time.
         undo_to: Name of the moment to which an undo would return.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.

@@ -62,7 +62,7 @@ class Display(Protocol):
 
 
 class Station:
-    """Teleoperation by one operator, whose demonstrations are saved in one store."""
+    """Teleoperation by one operator. The demonstrations are saved in one store."""
 
     def __init__(
         self,

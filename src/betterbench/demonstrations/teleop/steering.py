@@ -106,5 +106,5 @@ def is_finite(pose: Pose) -> bool:
 
 
 def unit(pose: Pose) -> Pose:
-    """Return a pose whose quaternion is normalized, with w >= 0. Use it for poses from outside this program."""
+    """Normalize the quaternion of a pose, with w >= 0. Use this function for poses from outside this program."""
     return Pose(pose.position, normalize(pose.quaternion))

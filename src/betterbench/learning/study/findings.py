@@ -76,7 +76,7 @@ class VariationFinding:
         validity: Fraction of the confounded learners' gap that balancing the training data removes; None if there is no
             significant gap.
         verdict: Verdict on why learners fail the variation.
-        labels: Failure labels of the confounded learners with their counts, most frequent first.
+        labels: Failure labels of the confounded learners with their counts, starting with the most frequent.
     """
 
     task: str
@@ -95,7 +95,7 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on variations whose words, categories and colors all occur in the training data of every learner.
+    """Results on variations in which all words, categories and colors also occur in the training data of every learner.
 
     Attributes:
         variations: Number of these variations.
@@ -239,7 +239,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on variations whose words and objects all occur in the training data of both arms."""
+    """Return the results on variations in which all words and objects also occur in the training data of both arms."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [

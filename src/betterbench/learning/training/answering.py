@@ -69,7 +69,7 @@ class LearnerModel:
         self._record = record
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
-        """Return the answer to a question of the set, in the form that its prompt requests.
+        """Return the answer to a question of the set, in the format that its prompt requests.
 
         Raises:
             RefusedError: If the set does not contain the question, or none of its possible answers occurred in

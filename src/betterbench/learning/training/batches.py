@@ -14,7 +14,7 @@ from betterbench.policies.learned.recipe import TrainingRecipe
 
 
 class Batches:
-    """Sampler of batches from a training set, whose frames are stored as tensors on a device."""
+    """Sampler of batches from a training set. The frames are stored as tensors on a device."""
 
     def __init__(self, data: TrainingSet, recipe: TrainingRecipe, device: str) -> None:
         self._recipe = recipe

@@ -36,7 +36,7 @@ class TrainingQuestions:
     Attributes:
         words: (Q, w) int64 words of the question; ABSENT after the last word.
         episodes: (Q,) int64 index of the demonstration that each question is about.
-        tools: (Q, history, 10) float32 tool pose and gripper opening, the current state first.
+        tools: (Q, history, 10) float32 tool pose and gripper opening, starting with the current state.
         poses: (Q, n, 9) float32 object poses.
         answers: (Q,) int64 indices of the correct answers in the vocabulary; -1 for an answer that does not occur in
             training.

@@ -179,7 +179,7 @@ def render_page(
 ) -> str:
     """Return the report page as HTML, with links to download the tables.
 
-    ``latex`` tells whether the tables also exist as LaTeX files.
+    ``latex`` is True if the tables also exist as LaTeX files.
     """
     pages = environment()
     pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural)

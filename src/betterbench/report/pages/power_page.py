@@ -106,7 +106,7 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
     """Return sentences about variations that policies without vision, instruction or aim can solve.
 
     These variations are listed before and after a correction for multiple tests. Another sentence lists the variations
-    whose instruction is redundant.
+    with a redundant instruction.
     """
     said = []
     for mark, chosen in (
@@ -144,7 +144,7 @@ def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
 
 
 def redundant(cells: Iterable[BlindCell]) -> list[str]:
-    """Return the variations whose instruction is redundant, because no other instruction makes sense in their scene."""
+    """Return the variations with a redundant instruction. No other instruction makes sense in their scene."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 

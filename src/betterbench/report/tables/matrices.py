@@ -55,10 +55,10 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """Condition whose trials are in a cell ("fruit_lunch/T1").
+    """Condition ("fruit_lunch/T1") that belongs to a cell, with the results of its trials.
 
     Attributes:
-        labels: Labels of its trials with their counts, most frequent first.
+        labels: Labels of its trials with their counts, starting with the most frequent.
         needless: Number of successful trials with an unnecessary step.
         twins: Success rate of the training twins (the training trials with the same seeds) that are in the run.
     """
@@ -78,7 +78,7 @@ class Cell:
     Attributes:
         sources: Conditions of the run that belong to the cell.
         success: Success rate over all trials of these conditions.
-        labels: Labels of the trials with their counts, most frequent first.
+        labels: Labels of the trials with their counts, starting with the most frequent.
         needless: Number of successful trials with an unnecessary step, such as an air grasp at an empty slot.
         note: Reason why the cell is empty; "" if it is not empty.
         paper: Outcome that the paper reports, for reference.
@@ -113,7 +113,7 @@ class Matrix:
 
     Attributes:
         caption: Meaning of rows and columns.
-        axes: Objects whose states define the rows and the columns.
+        axes: Objects that define the rows and the columns by their states.
         cells: Three rows of three cells, in the order of :class:`State`.
     """
 
