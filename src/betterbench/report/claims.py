@@ -254,7 +254,7 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 
 
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
-    """Return the number of pairs per variation with which the test of the illusion gap has a power of 80 %.
+    """Return the number of pairs per variation that give the test of the illusion gap a power of 80 %.
 
     The observed drop in success is assumed to be the true drop. Return None if there is no drop, or if more than
     :data:`MOST_PAIRS` pairs per variation would be needed.

@@ -56,7 +56,7 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Main failure mode of some trials, with the counts of this failure, of all failures, and of all trials.
+    """Main failure mode of some trials, with three counts: trials with this failure, all failures, and all trials.
 
     ``look_alikes`` counts further trials that the same faulty rule explains: the policy took an object that looks like
     the target from the slot in which the target was during training. It is 0 if there are fewer trials in which a

@@ -38,7 +38,7 @@ class ConditionRow:
         hypothesis: Hypothesis that the variation tests; "" if the task is unknown.
         expected: Description of the correct behavior.
         instruction: The instruction, or the first of several.
-        twin_instruction: Instruction of the training condition from which the variation is derived.
+        twin_instruction: Instruction of the training condition that the variation is derived from.
         support: Whether the required poses lie inside the training distribution; "" if unknown.
         trial: Success rate of the trials.
         twin: Success rate of those training twins (training trials with the same seeds) that are in the run.
@@ -73,7 +73,7 @@ _CHANGES = {**CHANGES, **PLUS_AXES}
 
 
 def task_of(name: str) -> Task | None:
-    """Return the task with the given name. Return None if this version has no such task."""
+    """Return the task with the given name. Return None if this version of betterbench has no such task."""
     try:
         return get_task(name)
     except UnknownNameError:
@@ -163,7 +163,7 @@ def _variation_row(
 
 
 def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
-    """Return the instruction of the training condition from which a variation trial is derived.
+    """Return the instruction of the training condition that a variation trial is derived from.
 
     It is taken from the task or, if the task is unknown, from a training trial with the same seed.
     """

@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """Results of one policy on the variations of a task, and on the training trials from which they are derived."""
+    """Results of one policy on the variations of a task and on the training trials that they are derived from."""
 
     policy: str
     training: Figure

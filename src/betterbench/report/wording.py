@@ -87,7 +87,7 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates from which a difference was computed, e.g. "twins 67 %, variations 56 %".
+        """Return the two rates behind a difference, e.g. "twins 67 %, variations 56 %".
 
         Return "" if there are none.
         """

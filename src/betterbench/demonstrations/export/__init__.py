@@ -3,7 +3,7 @@
 - ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes and their columns.
 - ``lerobot``, ``lerobot_v21``, ``robomimic``, ``video``, ``language``, ``card``: the file formats.
 - ``check``, ``expected``, ``comparing``, ``lerobot_check``, ``robomimic_check``: comparison of an exported data set
-  with the records from which it was made.
+  with its source records.
 """
 
 from typing import TYPE_CHECKING

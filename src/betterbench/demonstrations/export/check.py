@@ -1,4 +1,4 @@
-"""Comparison of an exported data set with the records from which it was made."""
+"""Comparison of an exported data set with its source records."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ExportCheck:
 
 
 def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
-    """Compare a data set with the records of the runs from which it was exported.
+    """Compare a data set with the records that it was exported from.
 
     Args:
         runs: Folders of the runs.
@@ -210,7 +210,7 @@ def _source(path: Path) -> dict[str, Any]:
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the index of the run that contains the record of an episode, and the trial of the record."""
+    """Return the index of the run that contains an episode's record, and the trial of this record."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)

@@ -72,7 +72,7 @@ class ExpectedDataset:
 
         Args:
             train: Number of training episodes.
-            where: File from which this number was read.
+            where: File that contains this number.
             said: Text that states this number as it is written in the file, for the error message.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]

@@ -85,7 +85,7 @@ class DatasetLayout:
 
     Attributes:
         adapter: Adapter that computes the columns.
-        observation: Observation preset with which the policy is evaluated (``better eval --observation``).
+        observation: Observation preset for evaluating the policy (``better eval --observation``).
         copies: Image columns that are copies of another column, as pairs (name of the copy, name of the original).
         robot: Name of the robot.
     """
@@ -129,8 +129,8 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
 
     Args:
         name: Name of the policy preset.
-        observation: Observation preset with which the policy is evaluated. The default is the first preset that has all
-            required cameras.
+        observation: Observation preset for evaluating the policy. The default is the first preset that has all required
+            cameras.
         robot: Robot in the records. The default is a robot that supports the actions of the policy preset.
 
     Raises:

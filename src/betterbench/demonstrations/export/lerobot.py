@@ -299,7 +299,7 @@ class _VideoFiles(_Files):
         self._pictures = 0
 
     def add(self, video: bytes, pictures: int) -> dict[str, Any]:
-        """Add an episode, and return the fields with its file and its start and end time in the video [s]."""
+        """Add an episode. Return the fields with its video file and its start and end time in the video [s]."""
         if self._videos and self._bytes + len(video) > MOST_FILE_BYTES:
             self.close()
             self._number += 1

@@ -1,4 +1,4 @@
-"""Comparison of a LeRobot data set with the records from which it was made, file by file."""
+"""Comparison of a LeRobot data set with its source records, file by file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class LeRobotCheck(ABC):
 
         Args:
             path: Folder of the data set.
-            expected: Expected content, to which the episodes are added one by one.
+            expected: Expected content. The episodes are added to it one by one.
             info: Content of ``meta/info.json``.
             listed: Entry of each episode in ``meta``.
         """

@@ -37,7 +37,7 @@ def vector_stats(values: np.ndarray) -> Stats:
 
 
 def sampled_rows(rows: int) -> set[int]:
-    """Return the rows of an episode from which the images for the image statistics are taken."""
+    """Return the rows of an episode that are used for the image statistics."""
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 

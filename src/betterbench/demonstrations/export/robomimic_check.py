@@ -1,4 +1,4 @@
-"""Comparison of a robomimic file with the records from which it was made, group by group."""
+"""Comparison of a robomimic file with its source records, group by group."""
 
 from __future__ import annotations
 

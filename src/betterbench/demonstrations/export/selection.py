@@ -19,7 +19,7 @@ class ChosenTrial:
         trial: Trial of the record.
         run: Index of the run that contains the record, in the list of runs.
         digest: SHA-256 of the record file.
-        scene_hash: Hash that identifies the stored scene, from which the images are rendered.
+        scene_hash: Hash that identifies the stored scene. The images are rendered from this scene.
     """
 
     trial: TrialId

@@ -276,7 +276,7 @@ class Amplifier:
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return the distance by which a drawer must be moved [m].
+        """Return how far a drawer must be moved [m].
 
         It is closed completely, or opened as far as in the primary source demonstration.
         """

@@ -156,7 +156,7 @@ def judge_attempt(
 
     Args:
         scene: Scene of the attempt.
-        record: Record of the attempt, to which the subgoal segments are added.
+        record: Record of the attempt. The subgoal segments are added to it.
         states: State of each record row.
         number: Index of the attempt.
         failure: Kind of failure and reason that the demonstrator reported, if any.
@@ -208,7 +208,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return a description of the first deviation of an episode from the certified training distribution of its task.
+    """Describe how an episode first deviates from the certified training distribution of its task.
 
     Return None if there is no deviation, or if the variation is declared to lie outside the training distribution.
     """

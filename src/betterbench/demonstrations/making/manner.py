@@ -95,7 +95,7 @@ class VariedSkills(Skills):
 
     Attributes:
         manner: The motion style.
-        chance: Random stream of the demonstration, from which pauses, detours and missed grasps are drawn.
+        chance: Random stream of the demonstration, used for pauses, detours and missed grasps.
     """
 
     manner: DemonstrationManner = DemonstrationManner()

@@ -113,7 +113,7 @@ class Method:
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return the initial states from which a task is to be demonstrated.
+        """Return the initial states for the demonstrations of a task.
 
         There are ``demos`` initial states per training condition of the task. If another training distribution is used,
         the same total is divided among its conditions.

@@ -72,7 +72,7 @@ class CarriedOver:
 
         Args:
             begin: First step to keep.
-            faster: Factor by which the motion is sped up.
+            faster: Speed-up factor of the motion.
         """
         before = retimed(self.targets[begin : self.change + 1], faster)
         gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]

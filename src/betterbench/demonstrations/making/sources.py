@@ -45,7 +45,7 @@ class SourceSkill:
     """Skill in a source demonstration, with all values that are needed to transfer it to another scene.
 
     Attributes:
-        key: Key by which skills of different demonstrations are matched, see :data:`SkillKey`.
+        key: Key that matching skills of different demonstrations have in common, see :data:`SkillKey`.
         source: Name of the demonstration, "TASK/CONDITION/SEED".
         window: Rows of the demonstration in which the skill is executed.
         object: Object that is picked, released or moved.
@@ -62,7 +62,7 @@ class SourceSkill:
         anchor: For a placement, the expert's candidate placement that is nearest to the release, given as the position
             of the object's base in the world frame [m].
         spread_m: For a placement, how much wider the gripper opens than the object [m].
-        slid_m: Distance by which a drawer is moved along its own x axis [m].
+        slid_m: How far a drawer is moved along its own x axis [m].
         width_m: Gripper width at the beginning of the window [m].
         lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
             if the gripper missed a grasp in between.

@@ -121,7 +121,7 @@ def _level(share: float) -> int:
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Choose the initial states from which a task is demonstrated.
+    """Choose the initial states for the demonstrations of a task.
 
     Args:
         task: The task.

@@ -41,7 +41,7 @@ class TrainingData:
 
     Attributes:
         place: Folder of the data set, or its name on the Hugging Face hub.
-        preset: Preset with which betterbench exported the data set; "" for other data.
+        preset: Export preset of the data set if betterbench exported it; "" for other data.
         frames: Number of frames; None if the data set is not on this machine.
         quality: Render quality of the images.
         still: Components that are nearly constant, so that normalization amplifies their noise.
@@ -128,7 +128,7 @@ class TrainerSetup:
 
     Attributes:
         framework: Name of the framework.
-        upstream: Repository and commit (or release) from which the fields were taken.
+        upstream: Repository and commit (or release) that the fields were taken from.
         files: Content of each file, by file name.
         settings: Fields of the framework's configuration.
         commands: Title and command lines of each step, in order.
@@ -387,8 +387,8 @@ def evaluation_lines(
         address: Policy address, such as ``openpi://localhost:8000``, for a policy trained on betterbench's
             demonstrations.
         on_libero: Commands of the framework's own LIBERO evaluation, for a policy trained for LIBERO.
-        libero_address: Policy address with which a policy trained for LIBERO is evaluated on betterbench's suite; None
-            if this is not possible.
+        libero_address: Policy address for evaluating a policy trained for LIBERO on betterbench's suite; None if this
+            is not possible.
     """
     if recipe.benchmark == "better":
         return _evaluation_line(address, recipe, data)

@@ -123,8 +123,8 @@ class Finding:
         n: Number of observations.
         verdict: Verdict, see :data:`Verdict`.
         rules: Rules that a policy could follow, in words.
-        seen: Counts from which the rules were derived: for each value of the first variable, the counts of the values
-            of the second variable.
+        seen: Counts that the rules were derived from: for each value of the first variable, the counts of the values of
+            the second variable.
         separating: Variations in which correct behavior violates the rule, each with the observation that violates it.
         meaning: Reason why the meaning of the words implies this outcome, which makes the rule legitimate and not a
             shortcut; "" if no reason is known.
@@ -245,7 +245,7 @@ class _Raw:
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
-        rules: Counts from which the rules were derived.
+        rules: Counts that the rules were derived from.
         certain: Whether one of the rules holds always or nearly always.
         parts: Words that the question is about: one entry for a single word, two entries for a pair of words.
         columns: Indices of these words among the tested words.
@@ -816,7 +816,7 @@ def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
 
     Args:
         finding: Finding that states the rule.
-        raw: Counts from which the rule was derived.
+        raw: Counts that the rule was derived from.
         test: Facts of correct behavior in the variation.
     """
     rules = raw.rules

@@ -92,7 +92,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """Facts about the episodes of a LeRobot data set, with a description of the data from which they were derived."""
+    """Facts about the episodes of a LeRobot data set, with a description of the data that they were derived from."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
@@ -597,7 +597,7 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """The data that were read and the choices that were made, from which the description of the data set is made.
+    """The data that were read and the choices that were made. They are reported in the description of the data set.
 
     Attributes:
         still: Grippers that never move, each with the evidence.

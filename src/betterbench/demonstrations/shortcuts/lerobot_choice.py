@@ -1,7 +1,6 @@
 """Choose the gripper and position components of a LeRobot data set by their names.
 
-If the names are ambiguous, the data set is rejected, and the error message names the option with which the user can
-choose.
+If the names are ambiguous, the data set is rejected. The error message names the option for choosing a component.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ class ArmPlace:
         arm: Name of the arm; "" if unknown.
         numbers: The components.
         space: Kind of the values, see ``PlaceReading``.
-        by: Source of the names by which the components were recognized.
+        by: Source of the names that identified the components.
     """
 
     arm: str

@@ -98,7 +98,7 @@ class Tasks:
 
     Attributes:
         texts: Instructions by task index; None for an index without a text.
-        source: Column and file from which the instructions were read.
+        source: Column and file that the instructions were read from.
         others: Other columns that may contain instructions and were not read.
     """
 

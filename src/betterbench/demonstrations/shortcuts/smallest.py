@@ -55,7 +55,7 @@ anyway because one value always occurs with the same other value.
 
 @dataclass(frozen=True, slots=True)
 class RuleCounts:
-    """Criterion by which a significant association is reported.
+    """Criterion for reporting a significant association.
 
     Attributes:
         strong: Minimum strength at which every significant association is reported.
@@ -147,7 +147,7 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data of a question, from which data sets with an artificial rule are made.
+    """Data of a question, used to make data sets with an artificial rule.
 
     Attributes:
         y: (n,) outcome of each observation.
@@ -155,7 +155,7 @@ class Planted:
             allow.
         block: (n,) index of the unit that each observation belongs to. A unit is usually a demonstration. A rule
             determines all observations of a unit or none.
-        sizes: Numbers of distinct values of the first and of the second variable.
+        sizes: Number of distinct values of the first variable, and of the second.
         within: Whether the first variable's values are permuted within units instead of between units.
         null: (PERMUTATIONS,) mutual information of each permutation [bit].
         expected: Mutual information expected by chance [bit].
@@ -208,7 +208,7 @@ class Planted:
         Args:
             share: Fraction of the units that the rule determines.
             threshold: Mutual information above which a test is significant [bit].
-            counts: Criterion by which a significant association is reported.
+            counts: Criterion for reporting a significant association.
             draw: Random generator.
         """
         replicates = 1 if share >= 1.0 else REPLICATES
@@ -304,7 +304,7 @@ def _best_order(
         outcomes: Outcomes of each unit.
         spread: Function that expands an array with one value per unit to one value per observation.
         y: (n,) outcome of each observation.
-        sizes: Numbers of distinct values of the first and of the second variable.
+        sizes: Number of distinct values of the first variable, and of the second.
 
     Returns:
         Mutual information [bit], and the value of the first variable in each observation.

@@ -68,7 +68,7 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
     Args:
         kind: Kind of the arm.
         options: Options of the configuration, including ``id``.
-        what: Text with which the error message begins if lerobot is not installed.
+        what: Text at the beginning of the error message if lerobot is not installed.
         cameras: Options of lerobot's OpenCV cameras by camera name, for a robot.
 
     Raises:

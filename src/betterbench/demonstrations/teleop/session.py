@@ -61,7 +61,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: number of rows in the record, and complete state of scene and steering."""
+    """Moment that an undo can return to: number of rows in the record, and complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -130,7 +130,7 @@ class TeleopSession:
 
     @property
     def undo_to(self) -> str:
-        """Name of the moment to which an undo would return, such as "the start" or "place_mug"."""
+        """Name of the moment that an undo would return to, such as "the start" or "place_mug"."""
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:

@@ -25,7 +25,7 @@ IN_THE_TABLE = "below the table: the fingers stop above it"
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Limits on the poses to which the tool of a robot may be sent.
+    """Limits on the target poses of a robot's tool.
 
     Attributes:
         limits: Limits of the robot's workspace.

@@ -1,7 +1,7 @@
 """Success rates and gaps of groups of learners, and differences between two groups on the trials that both ran.
 
-A learner is a policy that the study trains. An arm is a mixture of training distributions from which its demonstrations
-come.
+A learner is a policy that the study trains. An arm is a mixture of training distributions. The demonstrations for its
+learners come from these distributions.
 """
 
 from __future__ import annotations

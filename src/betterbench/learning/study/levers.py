@@ -19,12 +19,11 @@ class LeverRow:
     Attributes:
         found: Results over all tasks of these learners.
         axes: Success rate on the variations of each axis, by axis name.
-        against: Difference from the learners with which they are compared. Only learners with the same task and
-            training seed are compared. None for the unchanged recipe.
-        start: Arm whose learners provide the initial weights, so that these learners have also seen the demonstrations
-            of that arm; None if the initial weights are random.
-        compared: Recipe change of the learners with which they are compared; None if those learners have the unchanged
-            recipe.
+        against: Difference from the comparison learners, which have the same tasks and training seeds; None for the
+            unchanged recipe.
+        start: Arm that provides the initial weights, so that these learners have also seen its demonstrations; None if
+            the initial weights are random.
+        compared: Recipe change of the comparison learners; None if they have the unchanged recipe.
     """
 
     found: ArmFinding

@@ -1,4 +1,4 @@
-"""Outcomes of the learners' trials, from which the findings of a study are computed."""
+"""Outcomes of the learners' trials. The findings of a study are computed from them."""
 
 from __future__ import annotations
 

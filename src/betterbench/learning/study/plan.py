@@ -107,13 +107,13 @@ class StudyPlan:
         seeds: Training seeds. Each combination of task and arm is trained with each seed.
         demos: Demonstrations per training condition. Other training distributions divide the same total among their own
             conditions.
-        sources: Number of expert demonstrations from which the others are generated; 0 if the expert makes all
+        sources: Number of expert demonstrations that are used to generate the others; 0 if the expert makes all
             demonstrations.
         noise: Noise on the executed actions of generated demonstrations, in action units.
         trials: Number of trials of each learner per variation. All training conditions together get the same number of
             trials.
         recipe: Fields of the training recipe that differ from the defaults.
-        levers: Changes to the recipe, each of which is applied separately.
+        levers: Changes to the recipe. Each of them is applied separately.
     """
 
     tasks: Annotated[tuple[str, ...], Field(min_length=1)]

@@ -1,4 +1,4 @@
-"""Adapter with which ``better vlm`` asks a co-trained learner about recorded frames.
+"""Adapter for asking a co-trained learner about recorded frames with ``better vlm``.
 
 A co-trained learner is a policy that was also trained to answer questions. It must belong to the family ``objects``.
 Instead of the image that a question is about, it receives the recorded state of that frame (see

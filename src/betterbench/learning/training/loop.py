@@ -346,7 +346,7 @@ class _Training:
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
     def _save(self) -> None:
-        """Write the tables, and then the state from which training can be resumed."""
+        """Write the tables, and then the state for resuming the training."""
         if self._world.rank:
             return
         self._log.write(self._out)

@@ -116,7 +116,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
 
     Args:
         recipe: The recipe.
-        records: Trial and SHA-256 of each demonstration, by which the questions are matched.
+        records: Trial and SHA-256 of each demonstration, used to match the questions.
 
     Raises:
         RecordError: If a folder contains no complete question set, or the question set is damaged.

@@ -164,7 +164,7 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
     """Return the success rate of the training twins (the training trials with the same seeds).
 
-    A training trial is counted once for each variation trial with which it forms a pair.
+    A training trial is counted once for each pair that it belongs to.
 
     The illusion gap is this rate minus the success rate of the variations.
 

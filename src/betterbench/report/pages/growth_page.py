@@ -58,7 +58,7 @@ class Cure:
 
     Attributes:
         change: The change.
-        tried: Number of scenarios with which the change was tried.
+        tried: Number of scenarios for which the change was tried.
         helped: Number of scenarios that were certified with this change.
     """
 

@@ -134,7 +134,7 @@ class _Page:
         self._items: list[Callable[[Figure, float], None]] = []
 
     def column(self, left: int, right: int) -> None:
-        """Continue in a column between two x coordinates [px], at the height of the last image."""
+        """Continue in a column between two x coordinates [px]. It begins at the height of the top of the last image."""
         self.x, self.width = left, right - left
         self.y = self._image_top
 
@@ -244,7 +244,7 @@ def _draw_action(axes: Axes, content: _Content) -> None:
 
 
 def arrow_factor(start: np.ndarray, aim: np.ndarray) -> int:
-    """Return the factor by which the arrow between two pixels is enlarged. Return 0 if there is nothing to draw."""
+    """Return the enlargement factor of the arrow between two pixels. Return 0 if there is nothing to draw."""
     length = float(np.hypot(*(aim - start)))
     if not math.isfinite(length) or length < 0.2:
         return 0

@@ -1,4 +1,4 @@
-"""Assignment of conditions to the cells of the diagnostic matrices, by the initial states of the objects."""
+"""Assign conditions to the cells of the diagnostic matrices, by the initial states of the objects."""
 
 from __future__ import annotations
 
