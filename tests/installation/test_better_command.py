@@ -77,6 +77,8 @@ def test_the_script_that_was_started_is_named(environment, monkeypatch, tmp_path
         ("next        better report runs/a", "next        X/better report runs/a"),
         ("Give a run of better collect", "Give a run of better collect"),
         ("a file that better view wrote", "a file that better view wrote"),
+        ("Pass a run of `better collect`", "Pass a run of `better collect`"),
+        ("that `better view` or `better eval` wrote", "that `better view` or `better eval` wrote"),
         ("error: better vqa: no folder is given", "error: better vqa: no folder is given"),
         ("the better listing, a better list-like thing", "the better listing, a better list-like thing"),
         ("X/better report runs/a", "X/better report runs/a"),

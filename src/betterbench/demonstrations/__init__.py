@@ -1,4 +1,4 @@
-"""Demonstrations: collection, training sets, shortcut audits, and export for other trainers.
+"""Collect demonstrations, build training sets from them, audit them for shortcuts, and export them for other trainers.
 
 - ``making``: expert demonstrations (`better collect`), and generation from a few of them (`better amplify`).
 - ``teleop``: human demonstrations in the browser (`better teleop`).

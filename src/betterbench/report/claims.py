@@ -49,7 +49,7 @@ class Grounds:
     """Statistical basis of a conclusion: the test, and the trials that would settle the conclusion if it is open.
 
     Attributes:
-        supported: Whether the conclusion passes its test. Always True for a conclusion that only counts outcomes.
+        supported: Whether the test supports the conclusion. Always True for a conclusion that only states counts.
         test: Name of the test in words.
         p_value: The p-value of the test; None if there is no test.
         deciding: Sentence about the trials that would settle the conclusion; "" if the conclusion is not open.
@@ -113,7 +113,7 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the basis of a conclusion about a run without variations.
+    """Return the statistical basis of a conclusion about a run without variations.
 
     The trials that would settle open conclusions are the variations of the same tasks, since they show how the policy
     reasons.
@@ -146,7 +146,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
     """Test the claim that a policy has no failure, for a run in which all variation trials succeeded.
 
-    At least six solved trials are needed to rule out a policy that fails half of the variation trials.
+    At least six solved trials are needed to rule out that the policy fails half of all variation trials.
     """
     p = chance_p(Rate(n, n), chance=0.5)
     test = "variation trials solved, against one half (exact binomial)"
@@ -254,7 +254,7 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 
 
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
-    """Return the number of pairs per variation with which the test of the illusion gap has a power of 80 %.
+    """Return the number of pairs per variation that give the test of the illusion gap a power of 80 %.
 
     The observed drop in success is assumed to be the true drop. Return None if there is no drop, or if more than
     :data:`MOST_PAIRS` pairs per variation would be needed.

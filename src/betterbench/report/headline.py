@@ -56,11 +56,11 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Main failure mode of some trials, with its count among the failures and among all trials.
+    """Main failure mode of some trials, with three counts: trials with this failure, all failures, and all trials.
 
     ``look_alikes`` counts further trials that the same faulty rule explains: the policy took an object that looks like
-    the target from the slot in which the target was during training. It is 0 if trials with such an object are less
-    frequent than trials with the label itself.
+    the target from the slot in which the target was during training. It is 0 if there are fewer trials in which a
+    look-alike was taken than trials with the label itself.
     """
 
     label: Label
@@ -104,8 +104,9 @@ class Headline:
     Attributes:
         conclusion: One sentence that names the main fault, or says that no fault was found.
         sentences: One or more sentences with the numbers behind the conclusion.
-        family: Color family of the main failure; "right" if there is no failure.
-        effect: Instruction effect, over pairs of trials that differ only in the instruction.
+        family: Family of the main failure, which determines its color, such as "reasoning"; "right" if there is no
+            failure.
+        effect: Effect of the instruction, measured over pairs of trials that differ only in the instruction.
         effect_sentence: Sentence that explains the instruction effect.
         needless: Successful trials in which the policy also did a training step that was not requested.
         segments: Outcomes of the variation trials.
@@ -133,11 +134,11 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the training trials behind the illusion gap have another success rate than all training trials."""
+        """Whether the success rate differs between all training trials and those behind the illusion gap."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
-        """Return the conclusion, with its test or the trials that would settle it, as a JSON-serializable dict."""
+        """Return the conclusion as a JSON-serializable dict, with its test or the trials that would settle it."""
         return {"conclusion": self.conclusion, **asdict(self.claim)}
 
 
@@ -205,9 +206,9 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of trials in which the rule behind a label led to an object that looks like the target.
+    """Return the number of trials in which the rule behind a label led to a look-alike of the target.
 
-    Return 0 if trials with such an object are less frequent than trials with the label itself.
+    Return 0 if there are fewer trials in which a look-alike was taken than trials with the label itself.
     """
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
@@ -220,8 +221,8 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
 
     A policy that always picks from a certain slot takes any object in this slot, including look-alikes of the target.
     If such a rule is proven and most look-alikes were taken from a slot in which the target was during training, the
-    rule explains them, and the label of the rule is returned. The exception is a policy whose attempts are all
-    explained by the appearance of the objects.
+    rule explains them, and the label of the rule is returned. The exception is a policy for which the appearance of the
+    objects explains all attempts.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -245,7 +246,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a rule about slots has led the policy only to objects that look like the target.
+    """Return whether a rule about slots led the policy only to look-alikes of the target.
 
     The policy must also have violated the rule in other trials.
     """
@@ -264,11 +265,13 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the main sentence of the conclusion, the color family of the failure, and the statistical basis.
+    """Return the main sentence of the conclusion, the family of the failure, and the statistical basis.
 
-    Evidence that the policy does not use the instruction takes precedence over the failures in variations, unless a
-    habit explains the wrong first attempts in the whole run. If only a few variations were run, a policy with a habit
-    can seem to ignore the instruction.
+    The family is "reasoning", for example.
+
+    If there is evidence that the policy does not use the instruction, the conclusion says so, and not how the policy
+    fails. The exception is a policy with a habit that explains its wrong first attempts in the whole run, because it
+    can seem to ignore the instruction if only a few variations were run.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -341,7 +344,7 @@ def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]
     """Return the sentence on words or targets that the policy confuses, if the main label does not name them.
 
     If a rule is proven, the sentence states it first. A habit of placing objects at certain targets is ruled out if the
-    policy brings objects to targets at which they never were in training.
+    policy brings objects to targets where they were never placed in training.
     """
     reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
     vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))
@@ -423,7 +426,7 @@ def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str
 
 
 def _of_other_kinds(failed: Sequence[TrialDiagnosis], kind: Kind) -> str:
-    """Return a sentence that counts the failures of other kinds.
+    """Return a sentence with the number of failures of other kinds.
 
     Return "" if they are fewer than half of all failures.
     """
@@ -507,8 +510,8 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
     """Return a clause that names the axis on which a failure occurs, if nearly all of its trials are on one axis.
 
-    The clause must be confirmed by Fisher's exact test. It is left out if the failure is about as frequent in training
-    as on the axis.
+    The clause is only returned if Fisher's exact test confirms it, and if the failure is at most half as frequent in
+    training as on the axis.
     """
     ended = [trial for trial in trials if trial.kind is not Kind.UNFINISHED]
     varied = [trial for trial in ended if trial.variation is not None]

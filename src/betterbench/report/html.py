@@ -40,7 +40,7 @@ def _bounded(value: object) -> object:
 
 
 def data_uri(data: bytes | str, media_type: str) -> Markup:
-    """Return data as a data URI, so that the page that contains it is self-contained."""
+    """Encode data as a data URI, so that it can be embedded in a self-contained page."""
     if isinstance(data, str):
         data, media_type = data.encode(), f"{media_type};charset=utf-8"
     return Markup(f"data:{media_type};base64,{b64encode(data).decode('ascii')}")  # noqa: S704 - Base64 needs no escaping

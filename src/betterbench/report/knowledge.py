@@ -33,7 +33,7 @@ class GroupRow:
     """Row of the table for one group of trials.
 
     Attributes:
-        kind: Kind of the group, which is the heading of a part of the table.
+        kind: Kind of the group. It is the heading of a part of the table.
         name: Name of the group, or the label of its trials.
         cells: Texts of the other columns.
         is_supported: Whether the finding about the group is statistically significant.

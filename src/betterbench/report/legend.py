@@ -23,16 +23,16 @@ FAMILIES: dict[str, str] = {
     "execution": "Execution failure",
     "system": "System failure",
 }
-"""Color families of outcomes with their names, in the order in which they are stacked in charts."""
+"""Families of outcomes, which share a color, with their names, in the order in which they are stacked in charts."""
 
 UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
-"""Color family of planned trials that have not ended. It is only shown if there are such trials."""
+"""Family of planned trials that have not ended. It is only shown if there are such trials."""
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the color families of outcomes and their names, for the legend.
+    """Return the families of outcomes, which share a color, and their names for the legend.
 
-    The family of unfinished trials is included only if a trial is unfinished.
+    The family of unfinished trials is only included if a trial is unfinished.
     """
     return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
 

@@ -38,10 +38,10 @@ class ConditionRow:
         hypothesis: Hypothesis that the variation tests; "" if the task is unknown.
         expected: Description of the correct behavior.
         instruction: The instruction, or the first of several.
-        twin_instruction: Instruction of the training condition from which the variation is derived.
+        twin_instruction: Instruction of the training condition that the variation is derived from.
         support: Whether the required poses lie inside the training distribution; "" if unknown.
         trial: Success rate of the trials.
-        twin: Success rate of the training twins, i.e. of the training trials with the same seeds, that are in the run.
+        twin: Success rate of those training twins (training trials with the same seeds) that are in the run.
         gap: Illusion gap: success rate of the training twins minus success rate of the variation trials.
         segments: Outcomes that occurred, in the order in which the chart stacks them.
         verdict: Verdict in words, for a run of ``better eval --until-decided``; "" for other runs.
@@ -64,7 +64,7 @@ class ConditionRow:
     verdict: str = ""
 
     def count_of(self, family: str) -> int:
-        """Return the number of trials whose outcome belongs to a color family."""
+        """Return the number of trials with an outcome of the given family, such as "reasoning"."""
         return sum(segment.count for segment in self.segments if segment.mode.family == family)
 
 
@@ -73,7 +73,7 @@ _CHANGES = {**CHANGES, **PLUS_AXES}
 
 
 def task_of(name: str) -> Task | None:
-    """Return the task with the given name. Return None if this version has no such task."""
+    """Return the task with the given name. Return None if this version of betterbench has no such task."""
     try:
         return get_task(name)
     except UnknownNameError:
@@ -163,7 +163,7 @@ def _variation_row(
 
 
 def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
-    """Return the instruction of the training condition from which a variation trial is derived.
+    """Return the instruction of the training condition that a variation trial is derived from.
 
     It is taken from the task or, if the task is unknown, from a training trial with the same seed.
     """
@@ -180,9 +180,9 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate in a scope from the metrics of the run.
+    """Return the success rate over a part of the trials, as given in the metrics of the run.
 
-    If it is missing there, compute it from the trials.
+    If the metrics do not contain it, compute it from the trials.
     """
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:

@@ -1,4 +1,4 @@
-"""Report section about each task: the results of every policy, findings and films."""
+"""Report section about each task: the results of every policy, findings and film strips."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """Results of one policy on the variations of a task, and on the training trials from which they are derived."""
+    """Results of one policy on the variations of a task and on the training trials that they are derived from."""
 
     policy: str
     training: Figure

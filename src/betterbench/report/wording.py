@@ -1,4 +1,4 @@
-"""Formatting of numbers in sentences and cells: percentages with counts, and differences with intervals."""
+"""Format numbers for sentences and table cells: percentages with counts, and differences with intervals."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates from which a difference was computed, e.g. "twins 67 %, variations 56 %".
+        """Return the two rates behind a difference, e.g. "twins 67 %, variations 56 %".
 
         Return "" if there are none.
         """
@@ -120,7 +120,7 @@ class Figure:
         return f"{self.number(digits)}{THIN}%"
 
     def count(self) -> str:
-        """Return the count behind the number ("149/240", "240 pairs", "no trials")."""
+        """Return the counts behind the number ("149/240", "240 pairs", "no trials")."""
         if self.n is None:
             return "" if self.value is None else "by chance"
         if self.n == 0:
@@ -137,7 +137,7 @@ class Figure:
         return f"{minus(low)} to {minus(high)}"
 
     def sentence(self) -> str:
-        """Return the number, its count and its interval in a phrase, e.g. "62 % (149/240), 95 % interval 56 to 68"."""
+        """Return the number with its counts and its interval, e.g. "62 % (149/240), 95 % interval 56 to 68"."""
         if self.value is None:
             return self.count() or MISSING
         ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""

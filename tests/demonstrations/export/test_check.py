@@ -546,7 +546,7 @@ def test_a_file_of_robomimic_is_known_whatever_it_is_called(demonstrations, sets
     assert "agrees with the records: 2 episodes" in capsys.readouterr().out
     (tmp_path / "short.hdf5").write_bytes(sets["hdf5"].read_bytes()[:700])
     assert main([*words, str(tmp_path / "short.hdf5")]) == 2
-    assert "this is not a data set of better export" in " ".join(capsys.readouterr().err.split())
+    assert "this is not a data set of `better export`" in " ".join(capsys.readouterr().err.split())
 
 
 def column_lost(name):

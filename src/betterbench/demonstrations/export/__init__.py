@@ -1,9 +1,9 @@
-"""Export of demonstrations as data sets for policy training, with the columns that a policy preset defines.
+"""Export demonstrations as data sets for policy training. A policy preset defines the columns.
 
 - ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes and their columns.
 - ``lerobot``, ``lerobot_v21``, ``robomimic``, ``video``, ``language``, ``card``: the file formats.
 - ``check``, ``expected``, ``comparing``, ``lerobot_check``, ``robomimic_check``: comparison of an exported data set
-with the records from which it was made.
+  with its source records.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Action labels of a recorded episode, converted to any action space."""
+"""Convert the actions of a recorded episode to any action space."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     In the action space of the record, these are the intended actions: the executed actions without the noise that a
     demonstrator added. For another action space, the actions are computed from the recorded controller commands, which
     are the joint references at the end of each control step or the corresponding poses. Each delta starts from the pose
-    that the earlier deltas add up to, so motion that was lost because a delta was clipped is made up for by the
-    following deltas. Noise is removed from poses but not from joint references, because the record does not show how
-    the controller would have responded to another pose.
+    that results from the earlier deltas. If a delta is clipped, the following deltas therefore make up for the lost
+    motion. Noise is removed from poses but not from joint references, because the record does not show how the
+    controller would have responded to another pose.
 
     Raises:
         InvalidInputError: If the record does not have a reference for every joint, or the action space is unknown.
@@ -67,7 +67,7 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 def _openings(record: Record, space: ActionSpace) -> np.ndarray:
     """Return the commanded gripper openings (n_steps, 1) in motor units.
 
-    They are taken from the last joint reference of each control step, which belongs to the gripper.
+    In each control step, the last of the joint references is the one for the gripper.
     """
     jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
     return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])
@@ -90,8 +90,8 @@ def _meant(record: Record) -> np.ndarray:
 def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the intended poses: positions (n_steps, 3) [m] and quaternions (n_steps, 4).
 
-    Raises InvalidInputError if the executed actions contain noise and are not deltas of the commanded pose, since the
-    noise cannot be removed then.
+    Raises InvalidInputError if the executed actions contain noise and are not deltas of the commanded pose. In this
+    case the noise cannot be removed.
     """
     if not _noise(record):
         return record.commanded_position[1:], record.commanded_quaternion[1:]
@@ -110,7 +110,7 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def commands(gripper: np.ndarray) -> np.ndarray:
-    """Replace each zero in gripper commands (n,) by the command before it. Leading zeros become -1 (open)."""
+    """Replace zeros in gripper commands (n,) with the previous nonzero command, and leading zeros with -1 (open)."""
     signs = np.sign(gripper)
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)

@@ -1,4 +1,4 @@
-"""Comparison of an exported data set with the records from which it was made."""
+"""Comparison of an exported data set with its source records."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of a check of an exported data set.
+    """Result of checking an exported data set.
 
     All files and three images per episode and camera are compared with the records (see ``docs/export.md``).
 
@@ -43,7 +43,7 @@ class ExportCheck:
         episodes: Number of episodes.
         frames: Number of frames.
         pictures: Number of images that were rendered again and compared.
-        worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
+        worst_error: Largest mean error of an image, on a scale from 0 to 255. It is 0 for lossless images.
     """
 
     episodes: int
@@ -53,7 +53,7 @@ class ExportCheck:
 
 
 def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
-    """Compare a data set with the records of the runs from which it was exported.
+    """Compare a data set with the records that it was exported from.
 
     Args:
         runs: Folders of the runs.
@@ -119,7 +119,7 @@ def _errors(
     where: str,
     most: float,
 ) -> Iterator[float]:
-    """Yield the mean error of each image that was rendered again, in levels of 255.
+    """Yield the mean error of each image that was rendered again, on a scale from 0 to 255.
 
     Raises InvalidInputError if an image is missing or its mean error is larger than ``most``.
     """
@@ -203,14 +203,14 @@ def _source(path: Path) -> dict[str, Any]:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        problem = f"this is not a data set of better export ({said})"
-        raise InvalidInputError(str(path), problem, "Pass the folder or file that better export wrote") from error
+        problem = f"this is not a data set of `better export` ({said})"
+        raise InvalidInputError(str(path), problem, "Pass the folder or file that `better export` wrote") from error
     form: dict[str, Any] = source
     return form
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the index of the run that contains the record of an episode, and the trial of the record."""
+    """Return the index of the run that contains an episode's record, and the trial of this record."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)
@@ -223,7 +223,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean error of an image in levels of 255.
+    """Return the mean error of an image on a scale from 0 to 255.
 
     Return infinity if the image is missing or has another size.
     """

@@ -29,7 +29,7 @@ class DatasetEpisode:
     Attributes:
         folder: Folder with the data of the episode.
         about: Metadata of the episode.
-        record: SHA-256 of the record from which the episode was made.
+        record: SHA-256 of the record that the episode was made from.
         questions: Questions about frames of the episode.
     """
 

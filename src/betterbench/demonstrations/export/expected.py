@@ -68,12 +68,12 @@ class ExpectedDataset:
     def divided(self, train: int, where: str, said: str) -> Dataset:
         """Return the expected data set with the first ``train`` episodes for training and the others for validation.
 
-        Raises InvalidInputError if no fraction of validation episodes gives this division.
+        Raises InvalidInputError if no validation fraction leads to this split.
 
         Args:
             train: Number of training episodes.
-            where: File from which this number was read.
-            said: Quotation of the number from this file, for the error message.
+            where: File that contains this number.
+            said: Text that states this number as it is written in the file, for the error message.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):

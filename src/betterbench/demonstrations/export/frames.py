@@ -26,7 +26,7 @@ class Numbers:
 
     Attributes:
         vectors: Values (N, size) of each state column and of the action column.
-        subgoals: (N,) name of the current subgoal.
+        subgoals: (N,) name of the current subgoal in each frame.
     """
 
     vectors: Mapping[str, np.ndarray]

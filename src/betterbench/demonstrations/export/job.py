@@ -2,7 +2,7 @@
 
 All files are written to a hidden folder next to the target, ``.NAME.parts``. A resumed export finds the complete
 episodes there. A single rename moves the finished data set to its path, so the data set is either complete or absent.
-The bytes depend only on the records and the options.
+The content of the files depends only on the records and the options.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ class ExportPlan:
         validation: Fraction of the seeds whose demonstrations are held out for validation.
         language: Whether to write LeRobot's language columns, which LeRobot reads from version 0.6 on.
         questions: Folder of a set of questions about the frames; None to export no questions.
-        overwrite: Whether to replace another data set of betterbench at the output path. If the output is a robomimic
-            file, any other file at this path is replaced too.
+        overwrite: Whether to replace a different data set at the output path, provided that betterbench wrote it. If
+            the output is a robomimic file, any other file at this path is replaced too.
     """
 
     runs: Sequence[RunFolder]
@@ -115,7 +115,7 @@ class Exported:
 def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount | None = None) -> Exported:
     """Export a data set, or finish an interrupted export.
 
-    The bytes depend only on the plan, not on the number of workers.
+    The content of the files depends only on the plan, not on the number of workers.
 
     Args:
         plan: Records, columns, file format and output path.
@@ -174,7 +174,10 @@ def _checked(plan: ExportPlan) -> ExportPlan:
 
 
 def _quality(plan: ExportPlan) -> str:
-    """Return the name of the render preset. Raises InvalidInputError if the plan names none and the runs differ."""
+    """Return the name of the render preset.
+
+    Raises InvalidInputError if the plan does not name a preset and the runs were rendered with different presets.
+    """
     if plan.quality is not None:
         return quality_preset(plan.quality).name
     forms = [run.plan.get("quality", "standard") for run in plan.runs]
@@ -213,8 +216,8 @@ def pairs_of(
 ) -> dict[tuple[int, TrialId], list[str]]:
     """Return the ids of the pairs of twins that each demonstration belongs to, by run index and trial.
 
-    Twins are demonstrations with the same initial state and different instructions. Only pairs of which both
-    demonstrations are exported are listed.
+    Twins are demonstrations with the same initial state and different instructions. A pair is only listed if both of
+    its demonstrations are exported.
     """
     found: dict[tuple[int, TrialId], list[str]] = {}
     for number, run in enumerate(runs):
@@ -262,7 +265,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
             )
         if out.is_dir():
             raise RunConflictError(
-                f"{out}: a folder that better export did not write already exists here, and is not replaced. Choose "
+                f"{out}: a folder that `better export` did not write already exists here, and is not replaced. Choose "
                 "another name."
             )
         require_replaceable(out, "export", is_ours=lambda _: False)
@@ -289,7 +292,7 @@ def _digest(file: Path) -> str | None:
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
     """Return whether the content of the output path is to be replaced.
 
-    This requires ``overwrite``. A folder must also contain a data set of betterbench.
+    This requires ``overwrite``. If the path is a folder, it must also contain a data set that betterbench wrote.
     """
     if not plan.overwrite or out.is_symlink():
         return False
@@ -452,7 +455,7 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
     """Return whether an export could have used the first ``train`` trials for training and the others for validation.
 
     All trials with a held-out seed are held out, and they come last. The fraction of held-out seeds is not stored in
-    the data set. The function therefore returns True if any fraction leads to this division.
+    the data set. The function therefore returns True if any fraction leads to this split.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -462,7 +465,7 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 
 
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
-    """Return the command that evaluates a policy trained on a layout. The policy address in it is a placeholder.
+    """Return the command that evaluates a policy trained on the data set. The policy address in it is a placeholder.
 
     If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. Otherwise it
     evaluates a few trials of the demonstrated tasks.

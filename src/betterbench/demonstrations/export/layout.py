@@ -60,7 +60,7 @@ class VectorPart:
 
     @property
     def name(self) -> str:
-        """Name of this part without prefix, as in GR00T's modality.json."""
+        """Name of this part without its prefix, as in GR00T's modality.json."""
         return name_of(self.key).replace("/", "_")
 
 
@@ -85,8 +85,8 @@ class DatasetLayout:
 
     Attributes:
         adapter: Adapter that computes the columns.
-        observation: Observation preset with which the policy is evaluated (``better eval --observation``).
-        copies: Image columns that repeat another column, each as the name of the copy and the name of the original.
+        observation: Observation preset for evaluating the policy (``better eval --observation``).
+        copies: Image columns that are copies of another column, as pairs (name of the copy, name of the original).
         robot: Name of the robot.
     """
 
@@ -106,7 +106,7 @@ class DatasetLayout:
 
     @property
     def all_images(self) -> dict[str, ImageColumn]:
-        """All image columns by name, including those that repeat another column."""
+        """All image columns by name, including copies of other columns."""
         by_name = {column.name: column for column in self.images}
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
@@ -129,8 +129,8 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
 
     Args:
         name: Name of the policy preset.
-        observation: Observation preset with which the policy is evaluated. The default is the first preset that has all
-            required cameras.
+        observation: Observation preset for evaluating the policy. The default is the first preset that has all required
+            cameras.
         robot: Robot in the records. The default is a robot that supports the actions of the policy preset.
 
     Raises:
@@ -250,7 +250,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
 
 
 def _action(adapter: Adapter) -> VectorColumn:
-    """Return the action column. It contains the answers that the policy is expected to give."""
+    """Return the action column. It contains the actions that the policy should return."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
         parts.append(VectorPart(key, len(names), len(names) + size))

@@ -226,7 +226,7 @@ def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
 
 
 def file_fields(kind: str, number: int) -> dict[str, int]:
-    """Return the fields of ``meta/episodes`` that tell in which file an episode is stored.
+    """Return the fields of ``meta/episodes`` that identify the file in which an episode is stored.
 
     Args:
         kind: "data" or "videos/COLUMN".
@@ -236,7 +236,7 @@ def file_fields(kind: str, number: int) -> dict[str, int]:
 
 
 def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, float]:
-    """Return the fields of ``meta/episodes`` that tell when an episode begins and ends in its video.
+    """Return the fields of ``meta/episodes`` with the start and end time of an episode in its video.
 
     Args:
         kind: "videos/COLUMN".
@@ -271,7 +271,7 @@ class _FrameFiles(_Files):
         self._tables: list[pa.Table] = []
 
     def add(self, table: pa.Table) -> dict[str, int]:
-        """Add an episode, and return the fields that tell where it is stored."""
+        """Add an episode, and return the fields that describe where it is stored."""
         if self._tables and self._bytes + table.nbytes > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -299,7 +299,7 @@ class _VideoFiles(_Files):
         self._pictures = 0
 
     def add(self, video: bytes, pictures: int) -> dict[str, Any]:
-        """Add an episode, and return the fields with its file and its start and end time in the video [s]."""
+        """Add an episode. Return the fields with its video file and its start and end time in the video [s]."""
         if self._videos and self._bytes + len(video) > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -345,9 +345,9 @@ def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table of the given texts and their indices.
+    """Return a table of the given strings and their indices.
 
-    The texts form the pandas index of the table, as in LeRobot's files.
+    The strings form the pandas index of the table, as in LeRobot's files.
     """
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}

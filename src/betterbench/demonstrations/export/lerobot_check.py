@@ -1,4 +1,4 @@
-"""Comparison of a LeRobot data set with the records from which it was made, file by file."""
+"""Comparison of a LeRobot data set with its source records, file by file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """Frame file that is being compared, with the number of rows that have been compared so far."""
+    """Frame file that is being compared, with the number of rows compared so far."""
 
     name: str
     table: pa.Table
@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of a LeRobot data set. It does not include images, image statistics, and questions in the language columns.
+    """Check of a LeRobot data set, without its images, image statistics, and the questions in its language columns.
 
     Attributes:
         listed_in: Folders in which trainers read every Parquet file.
@@ -51,7 +51,7 @@ class LeRobotCheck(ABC):
 
         Args:
             path: Folder of the data set.
-            expected: Expected content, to which the episodes are added one by one.
+            expected: Expected content. The episodes are added to it one by one.
             info: Content of ``meta/info.json``.
             listed: Entry of each episode in ``meta``.
         """
@@ -78,7 +78,10 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare the data that concern the data set as a whole. Call this method after the last episode."""
+        """Compare the parts of the data set that do not belong to a single episode.
+
+        Call this method after the last episode.
+        """
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
@@ -140,7 +143,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Check of a data set of version 3.0, in which ``meta/episodes`` states the file that contains each episode."""
+    """Check of a data set of version 3.0, in which ``meta/episodes`` lists the file of each episode."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -187,7 +190,7 @@ class CheckOfV30(LeRobotCheck):
         self.same_json("meta/info.json", lerobot.info_v30(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name that the row of the episode in ``meta/episodes`` gives."""
+        """Return the file name listed in the episode's row in ``meta/episodes``."""
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
@@ -223,8 +226,7 @@ class CheckOfV21(LeRobotCheck):
     def compare_meta(self, dataset: Dataset) -> None:
         """Compare the files in ``meta`` that describe the data set as a whole with their expected content.
 
-        They contain instructions, subgoals and statistics. ``info.json`` and GR00T's ``modality.json`` are also
-        compared.
+        These are the files with instructions, subgoals and statistics, ``info.json``, and GR00T's ``modality.json``.
         """
         if len(self._stats) != len(self.listed):
             problem = f"it lists {len(self._stats)} episodes, but there are {len(self.listed)}"

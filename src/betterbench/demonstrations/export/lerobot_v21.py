@@ -102,8 +102,7 @@ def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
     """Return the content of GR00T's ``meta/modality.json``, which gives names to ranges of state and action components.
 
-    The result is None for a layout without the columns that GR00T's loader needs (``observation.state`` and
-    ``action``).
+    Return None if the layout lacks a column that GR00T's loader needs (``observation.state`` or ``action``).
     """
     columns = {column.name: column for column in (*layout.states, layout.action)}
     if set(columns) != {STATE, ACTION}:

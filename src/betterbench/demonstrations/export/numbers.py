@@ -37,7 +37,7 @@ def vector_stats(values: np.ndarray) -> Stats:
 
 
 def sampled_rows(rows: int) -> set[int]:
-    """Return the rows of an episode whose images are used for the image statistics."""
+    """Return the rows of an episode that are used for the image statistics."""
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 

@@ -54,7 +54,7 @@ class Part:
 
     Attributes:
         vectors: Values (N, size) of each vector column.
-        subgoals: (N,) name of the current subgoal.
+        subgoals: (N,) name of the current subgoal in each frame.
         videos: Video file of each image column, for the image format "video".
         pngs: N PNG files of each image column, for the image format "png".
         levels: (3, 256) histogram of the sampled images, for each image column.
@@ -133,7 +133,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Metadata of an episode that the export reads back from its folder, see :func:`about`."""
+    """Episode metadata that the export reads back from the folder of the episode; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -251,9 +251,9 @@ def read_png(data: bytes) -> np.ndarray:
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file with one row group.
+    """Serialize a table as a Parquet file with one row group.
 
-    The same table always gives the same bytes with the same installed packages.
+    As long as the same package versions are installed, the same table always gives the same bytes.
     """
     buffer = io.BytesIO()
     pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)

@@ -34,7 +34,7 @@ class Pictures:
         self.close()
 
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield, for each row of a record, the images by camera name, (height, width, 3) uint8.
+        """For each row of a record, yield the images (height, width, 3) uint8 by camera name.
 
         Consume the iterator completely, or close the renderer.
 
@@ -54,7 +54,7 @@ class Pictures:
             yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}
 
     def stop(self) -> None:
-        """End the rendering process from another thread. The thread that renders then gets a RecordError."""
+        """End the rendering process from another thread. The rendering thread then raises a RecordError."""
         self._view.stop()
 
     def close(self) -> None:

@@ -48,7 +48,7 @@ def questions_of(
         for record in about:
             found.setdefault(record, []).append(said)
     if not found:
-        cure = "Use a set that better vqa made from the same run, with the same cameras and image sizes"
+        cure = "Use a set that `better vqa` made from the same run, with the same cameras and image sizes"
         raise InvalidInputError("--vqa", f"{asked.path} contains no questions about frames of these episodes", cure)
     return {record: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for record, asked in found.items()}
 

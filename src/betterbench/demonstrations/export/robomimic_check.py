@@ -1,4 +1,4 @@
-"""Comparison of a robomimic file with the records from which it was made, group by group."""
+"""Comparison of a robomimic file with its source records, group by group."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _JSON_ATTRIBUTES = ("better", "env_args")
 
 
 class RobomimicCheck:
-    """Check of a robomimic file, except for its images and for filter keys that users added.
+    """Check of a robomimic file. Images, and filter keys that users added, are not compared.
 
     Use it as a context manager.
     """
@@ -69,7 +69,7 @@ class RobomimicCheck:
         return read
 
     def finish(self) -> None:
-        """Compare the data that concern the file as a whole, such as the masks.
+        """Compare the parts of the file that do not belong to a single episode, such as the masks.
 
         Call this method after the last episode.
         """

@@ -1,4 +1,4 @@
-"""Choice of the recorded episodes that are exported as demonstrations."""
+"""Select the recorded episodes to export as demonstrations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ChosenTrial:
         trial: Trial of the record.
         run: Index of the run that contains the record, in the list of runs.
         digest: SHA-256 of the record file.
-        scene_hash: Hash that identifies the stored scene, from which the images are rendered.
+        scene_hash: Hash that identifies the stored scene. The images are rendered from this scene.
     """
 
     trial: TrialId
@@ -80,7 +80,7 @@ def select_demonstrations(
             where,
             f"no requested demonstration was found ({listed})",
             "Use a run with successful trials of training conditions, or include trials of test variations "
-            "(--variations of better export, or variations: true in a recipe of better train)",
+            "(--variations of `better export`, or variations: true in a recipe of `better train`)",
         )
     _require_once(found, runs)
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))

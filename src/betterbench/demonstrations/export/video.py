@@ -115,7 +115,7 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
 
 
 def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the frames of a video from the index ``first`` on: index, and image (height, width, 3) uint8.
+    """Yield the index and the image (height, width, 3) uint8 of each frame of a video, starting at the frame ``first``.
 
     Raises InvalidInputError if the video cannot be read.
     """

@@ -1,4 +1,4 @@
-"""Acceptance rates of attempts at demonstrations by task, source and region, with the reasons for failures."""
+"""Fraction of the demonstration attempts that were accepted, by task, source and region, and reasons for rejection."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Number of covered factor levels, divided by the largest number that could be covered.
+        """Number of covered factor levels, divided by the maximum number that could be covered.
 
         A level is covered if it has a demonstration.
         """
@@ -66,10 +66,11 @@ class TaskAcceptance:
         starts: Number of initial states, and how many of them have a demonstration.
         steps: Total number of control steps in the accepted demonstrations.
         sources: Attempts by primary source demonstration.
-        regions: Attempts by the initial position of an object. Each slot, i.e. area in which an object is placed at
-            random, is divided into nine cells, which are called "slot first 0" to "slot first 8" for the slot "first".
+        regions: Attempts by the initial position of an object. Each slot (an area in which an object is placed at
+            random) is divided into nine cells. The cells of the slot "first" are named "slot first 0" to "slot first
+            8".
         failures: Number of failed attempts by kind of failure.
-        examples: First failed attempt of each kind of failure, as its trial, the index of the attempt, and the reason.
+        examples: First failed attempt of each kind of failure, as (trial, index of the attempt, reason).
         coverage: Coverage of the initial states, by training condition.
     """
 
@@ -86,7 +87,7 @@ class TaskAcceptance:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Outcomes of all attempts in a run, computed from its records. They do not contain run times.
+    """Outcomes of all attempts in a run, computed from its records. Run times are not included.
 
     Attributes:
         policy: Name of the demonstrator in the records.

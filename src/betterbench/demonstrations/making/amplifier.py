@@ -80,7 +80,7 @@ class AmplifierSettings:
         select: Method of choosing the source demonstration for each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
             rotation (0.5 rad). The gripper command has no noise. No noise is added while the arm settles or the gripper
-            moves.
+            opens or closes.
     """
 
     select: SourceChoice = "nearest_object"
@@ -103,7 +103,7 @@ class _Candidate:
     Attributes:
         source: The skill in the source demonstration.
         moved: The same skill in this scene.
-        change: Variation of the transit, i.e. of the motion that leads to this skill, compared with the source
+        change: How the transit (the motion that leads to this skill) differs from the transit in the source
             demonstration.
         hand: State of the gripper during the transit.
         touched: Objects that the robot may touch during the skill.
@@ -239,7 +239,7 @@ class Amplifier:
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
         """Execute one skill of the primary source demonstration.
 
-        The motion is taken from the first source demonstration whose skill fits the scene.
+        The motion is taken from the first source demonstration with a skill that fits the scene.
         """
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
@@ -269,14 +269,14 @@ class Amplifier:
             return state, skill.source
         what = f"{window.kind} {window.object}" + (f" at {window.target}" if window.target else "")
         why = "; ".join(dict.fromkeys(self._blocked)) or "no source has this skill"
-        raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
+        raise AttemptFailedError("no free way", f"{what}: no source demonstration can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
         """Draw a random rotation of the grasp [rad], for an object that can be grasped from any side."""
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return the distance by which a drawer must be moved [m].
+        """Return how far a drawer must be moved [m].
 
         It is closed completely, or opened as far as in the primary source demonstration.
         """
@@ -340,9 +340,9 @@ class Amplifier:
         """Transfer skills of the source demonstrations to this scene, and yield each transferred skill with its source.
 
         For an object that can be grasped from any side, the grasp is first rotated about the object's axis by
-        ``turn_rad``. If all skills are blocked, other rotations are tried. If a container is filled differently than in
-        the source demonstration, the object may be released at another place that the expert would choose, provided
-        that demonstrations release objects there.
+        ``turn_rad``. If all skills are blocked, other rotations are tried. The contents of a container may differ from
+        those in the source demonstration. The object may then be released at another position that the expert would
+        choose, if demonstrations also release objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -383,7 +383,7 @@ class Amplifier:
     def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
         """Return a collision-free path to the start of a skill, or to a later step of its approach.
 
-        Return None if there is none.
+        Return None if there is no such path.
         """
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:

@@ -74,7 +74,7 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Run the expert in a motion style that is drawn from the scene's seed and the index of the attempt.
+    """Run the expert in a random motion style that depends on the scene's seed and the index of the attempt.
 
     Args:
         scene: The scene.
@@ -150,13 +150,13 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Decide whether an attempt is accepted, i.e. meets all requirements for demonstrations.
+    """Decide whether an attempt meets all requirements for demonstrations and is accepted.
 
     Call this function while the scene is still at the end of the episode.
 
     Args:
         scene: Scene of the attempt.
-        record: Record of the attempt, to which the subgoal segments are added.
+        record: Record of the attempt. The subgoal segments are added to it.
         states: State of each record row.
         number: Index of the attempt.
         failure: Kind of failure and reason that the demonstrator reported, if any.
@@ -208,7 +208,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return a description of the first deviation of an episode from the certified training distribution of its task.
+    """Describe how an episode first deviates from the certified training distribution of its task.
 
     Return None if there is no deviation, or if the variation is declared to lie outside the training distribution.
     """

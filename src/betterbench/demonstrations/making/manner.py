@@ -43,7 +43,7 @@ class DemonstrationManner:
         grasp_turn_rad: Strength of the random preference among gripper rotations. When grasps are ranked, a random
             value of at most this size is added to or subtracted from the cost of each rotation [rad].
         raise_m: Additional height of transits [m].
-        detour_m: Largest sideways displacement of the midpoint of a transit, i.e. of the motion between two skills [m].
+        detour_m: Largest sideways displacement of the midpoint of a transit (the motion between two skills) [m].
         pause_s: Mean duration of a pause [s].
         pause_rate: Probability of a pause at each moment where a pause is possible.
         miss_rate: Probability of a missed grasp, in which the gripper closes too early and opens again.
@@ -69,7 +69,7 @@ class DemonstrationManner:
 def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Draw a motion style from a random stream.
 
-    Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle,
+    Teleoperators are up to three times slower than a scripted expert. They pause before contact, approach at an angle,
     and sometimes close the gripper too early. The ranges are assumptions and were not measured.
     """
     return DemonstrationManner(
@@ -95,14 +95,14 @@ class VariedSkills(Skills):
 
     Attributes:
         manner: The motion style.
-        chance: Random stream of the demonstration, from which pauses, detours and missed grasps are drawn.
+        chance: Random stream of the demonstration, used for pauses, detours and missed grasps.
     """
 
     manner: DemonstrationManner = DemonstrationManner()
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
-        """Scale a pace by the speed and the acceleration of the motion style."""
+        """Scale the speeds and the acceleration of a motion as the motion style requires."""
         m = self.manner
         return replace(
             pace,
@@ -201,5 +201,5 @@ class VariedSkills(Skills):
     @property
     def _stream(self) -> np.random.Generator:
         if self.chance is None:
-            raise PlanningError("VariedSkills requires a random stream: set chance")
+            raise PlanningError("VariedSkills requires a random stream; set its attribute chance")
         return self.chance

@@ -1,9 +1,9 @@
-"""Production of a demonstration set: workers attempt the planned initial states and write a run folder.
+"""Production of a demonstration set: workers make attempts from the planned initial states and write a run folder.
 
 ``RUN/journal.jsonl`` lists the demonstrations, and ``RUN/attempts/journal.jsonl`` lists every attempt. If no attempt at
-an initial state is accepted, the initial state stays in the plan as an error with its reason, and a replacement is
-added. The attempts at an initial state depend only on its seed and on the source demonstrations. The records are
-therefore the same for any number of workers, and also after interruptions.
+an initial state is accepted, the initial state is kept in the plan and marked as an error, and a replacement is added.
+The attempts at an initial state depend only on its seed and on the source demonstrations. The records are therefore the
+same for any number of workers, and also after interruptions.
 """
 
 from __future__ import annotations
@@ -77,15 +77,15 @@ MOST_WORKERS = 256
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """Method by which the demonstrations of a run are made. It can be pickled, so that it can be sent to workers.
+    """How the demonstrations of a run are made. Instances can be pickled, so that they can be sent to workers.
 
     Attributes:
-        policy: Policy name in the records, which names the expert or the amplifier.
+        policy: Policy name in the records: the name of the expert or of the amplifier.
         first_seed: First seed of the initial states.
         attempts: Maximum number of attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
         sources_hash: Hash of the source demonstrations; "" for the expert.
-        source_tasks: Tasks whose source demonstrations are included in this hash; empty for the expert.
+        source_tasks: Tasks for which this hash includes the source demonstrations; empty for the expert.
         settings: Settings for the transfer of source demonstrations.
         quality: Render preset of the stored scenes.
         task_files: User files that workers load first.
@@ -113,7 +113,7 @@ class Method:
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return the initial states from which a task is to be demonstrated.
+        """Return the initial states for the demonstrations of a task.
 
         There are ``demos`` initial states per training condition of the task. If another training distribution is used,
         the same total is divided among its conditions.
@@ -168,7 +168,7 @@ def method_of(run: RunFolder) -> Method:
 
     Raises RecordError if the run does not contain demonstrations.
     """
-    where, cure = f"{run.path}: plan.demonstrations", "Use a run folder of better collect or better amplify"
+    where, cure = f"{run.path}: plan.demonstrations", "Use a run folder of `better collect` or of `better amplify`"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
     return Method(
@@ -227,7 +227,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """Progress of a set: numbers of finished and planned demonstrations and of attempts, and the last outcome."""
+    """Progress of a set: finished and planned demonstrations, number of attempts, and the last outcome."""
 
     done: int
     planned: int
@@ -241,7 +241,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 class AttemptJournal(VersionedJournal):
     """Journal of all attempts in a run.
 
-    If several lines are about the same initial state, the last of them counts. Raises the same errors as
+    If several lines are about the same initial state, only the last one is used. Raises the same errors as
     :class:`VersionedJournal`.
     """
 
@@ -292,7 +292,7 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect demonstrations by the expert in varied motion styles.
+    """Collect demonstrations that the expert makes in various motion styles.
 
     If the run was interrupted, calling this function again resumes it.
 
@@ -366,7 +366,7 @@ def amplify(
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
         raise InvalidInputError(
-            str(sources), "it contains no demonstrations", "Collect demonstrations with better collect"
+            str(sources), "it contains no demonstrations", "Collect demonstrations with `better collect`"
         )
     regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:

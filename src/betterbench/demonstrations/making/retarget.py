@@ -1,4 +1,4 @@
-"""Transfer of a skill to another scene, keeping its motion relative to the object or the target region.
+"""Transfer a skill to another scene, keeping its motion relative to the object or the target region.
 
 A pick or a slide keeps its motion relative to the object: ``T_new(t) = T_object_new  T_object_source^-1
 T_target_source(t)``. If the object in the new scene is a different instance of the object's category, the motion is
@@ -41,7 +41,7 @@ class CarriedOver:
         source: Name of the source demonstration of the skill.
         targets: Commanded poses ``T_world_tcp``, one per control step.
         gripper: Gripper command of each step.
-        change: Index of the first step at which the gripper moves.
+        change: Index of the first step at which the gripper opens or closes.
     """
 
     source: str
@@ -52,7 +52,7 @@ class CarriedOver:
     def begin_within(self, radius_m: float) -> int:
         """Return the first step of the final approach.
 
-        In the final approach, all poses are close to the pose at which the gripper moves.
+        In the final approach, all poses are close to the pose at which the gripper opens or closes.
 
         Args:
             radius_m: Maximum distance from that pose [m].
@@ -64,13 +64,15 @@ class CarriedOver:
         return step
 
     def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
-        """Return the part of the skill that begins at a given step, sped up until the gripper moves.
+        """Return the part of the skill that begins at a given step.
 
-        The speed of the gripper does not change.
+        The motion is sped up until the gripper opens or closes.
+
+        The speed at which the gripper opens or closes does not change.
 
         Args:
             begin: First step to keep.
-            faster: Factor by which the motion is sped up.
+            faster: Speed-up factor of the motion.
         """
         before = retimed(self.targets[begin : self.change + 1], faster)
         gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]
@@ -131,11 +133,11 @@ def carry_place(
         window: Names of the object and the target in this scene.
         keep_tool: Whether to keep the rotation of the tool instead of the rotation of the object, for objects that may
             have any heading.
-        foot: Position in the world frame that the object's base has when it is released [m]. The default is the
-            placement that the expert considers nearest to the release in the source demonstration.
+        foot: World position of the object's base at the release [m]. The default is the expert's candidate placement
+            that is nearest to the release in the source demonstration.
 
     Returns:
-        The transferred placement; None if the expert considers no placement near the release.
+        The transferred placement; None if no candidate placement of the expert is near the release.
     """
     to_new = region_frame(state, window) @ skill.frame.inverse()
     shift = (0.0, 0.0, 0.0)
@@ -159,9 +161,9 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the tool pose at which the object's base is where it was in the source demonstration.
+    """Return the tool pose that puts the object's base where it was in the source demonstration.
 
-    If ``T_foot_tcp`` is None, the tool keeps its rotation, and otherwise the object does.
+    If ``T_foot_tcp`` is None, the tool has the same rotation as in the source demonstration. Otherwise, the object has.
     """
     foot = (target @ T_tcp_foot_source).translated(*shift)
     if T_foot_tcp is not None:

@@ -45,9 +45,9 @@ class SourceSkill:
     """Skill in a source demonstration, with all values that are needed to transfer it to another scene.
 
     Attributes:
-        key: Key for matching skills, see :data:`SkillKey`.
+        key: Key that matching skills of different demonstrations have in common, see :data:`SkillKey`.
         source: Name of the demonstration, "TASK/CONDITION/SEED".
-        window: Rows of the skill in the demonstration.
+        window: Rows of the demonstration in which the skill is executed.
         object: Object that is picked, released or moved.
         asset: Asset (object model) of this object.
         frame: ``T_world_reference`` at the beginning of the window. The reference is the object or, for a placement,
@@ -57,12 +57,12 @@ class SourceSkill:
             placement.
         targets: Commanded poses ``T_world_tcp``, one per control step of the window.
         gripper: Gripper command at each of these steps.
-        change: Index of the first step at which the gripper moves.
+        change: Index of the first step at which the gripper opens or closes.
         T_tcp_foot: For a placement, the pose of the object's base in the gripper just before the gripper opens.
-        anchor: For a placement, the one of the expert's possible placements that is nearest to the release, as the
-            position of the object's base in the world frame [m].
+        anchor: For a placement, the expert's candidate placement that is nearest to the release, given as the position
+            of the object's base in the world frame [m].
         spread_m: For a placement, how much wider the gripper opens than the object [m].
-        slid_m: Distance by which a drawer is moved along its own x axis [m].
+        slid_m: How far a drawer is moved along its own x axis [m].
         width_m: Gripper width at the beginning of the window [m].
         lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
             if the gripper missed a grasp in between.
@@ -159,7 +159,7 @@ def load_library(run: RunFolder, task: str) -> Library:
             continue
         if entry.seed < FIRST_DEMONSTRATION_SEED:
             problem = f"{entry.key} has a test seed, which must not be used for training"
-            cure = f"Use demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
+            cure = f"Use demonstrations of `better collect`, with seeds of at least {FIRST_DEMONSTRATION_SEED:,}"
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
         _require_version(record, str(run.record_path(entry.task, entry.condition, entry.seed)))
@@ -297,10 +297,10 @@ def _anchor(state: WorldState, let_go: WorldState, window: SkillWindow) -> tuple
 def nearest_goal(
     state: WorldState, window: SkillWindow, point: Sequence[float], *, within_m: float
 ) -> tuple[float, float, float] | None:
-    """Return the placement nearest to a point among those that the expert considers, as the object's base position [m].
+    """Return the expert's candidate placement that is nearest to a point, as the position of the object's base [m].
 
-    Unlike a rigid transform of the recorded motion, these placements take into account how large the objects are and
-    which objects are already at the target. Return None if no placement is within the given distance.
+    Unlike a rigid transform of the recorded motion, the candidates take into account how large the objects are and
+    which objects are already at the target. Return None if no candidate is within the given distance.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
@@ -312,7 +312,7 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return the placements that the expert considers, best first, as positions of the object's base [m].
+    """Return the expert's candidate placements as positions of the object's base [m], starting with the best.
 
     Placements that are nearly the same are only listed once.
     """
@@ -341,7 +341,7 @@ def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
 
     The annotated grasp nearest to the given grasp is looked up in the first asset, and replaced by the corresponding
     annotated grasp of the other asset. The result is the identity if both assets are the same, or if no annotated grasp
-    is near.
+    is close to the given grasp.
     """
     if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):
         return Pose()

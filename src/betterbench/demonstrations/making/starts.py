@@ -1,10 +1,10 @@
-"""Choose initial states of demonstrations that cover the training distribution evenly.
+"""Choose initial states for demonstrations so that they cover the training distribution evenly.
 
 An initial state is described by discrete levels of several factors. The factors are the appearance of the scene and,
 for each slot of a relevant object, the object's position (a cell of the slot) and its rotation. Seeds are divided into
-blocks of consecutive seeds. In each block, the seed whose levels have occurred least often so far is chosen. The blocks
-do not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. If a seed is
-abandoned, it is replaced by the most similar seed of a spare block.
+blocks of consecutive seeds. In each block, the seed is chosen that has the levels that have occurred least often so
+far. The blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller
+one. If a seed is abandoned, it is replaced by the most similar seed of a spare block.
 """
 
 from __future__ import annotations
@@ -121,11 +121,12 @@ def _level(share: float) -> int:
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Choose the initial states from which a task is demonstrated.
+    """Choose the initial states for the demonstrations of a task.
 
     Args:
         task: The task.
-        numbers: Number of demonstrations per training condition, as one number or as one number for each condition.
+        numbers: Number of demonstrations per training condition: either a single number, or a list with one number for
+            each condition.
         first_seed: First seed to use.
 
     Raises:
@@ -211,8 +212,8 @@ class FactorCoverage:
 
     Attributes:
         counts: Number of initial states at each level.
-        filled: Number of levels with at least one initial state, divided by the largest number that this many initial
-            states could cover.
+        filled: Number of levels with at least one initial state, divided by the maximum that is possible with this
+            number of initial states.
         evenness: Number of initial states at the rarest level, divided by the mean over all levels.
     """
 

@@ -1,4 +1,4 @@
-"""Transfer of a transit, i.e. of the motion between two skills, to other end points."""
+"""Transfer a transit (the motion between two skills) to other end points."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CHECK_RAD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """Variation of a transit: its differences from the transit of the source demonstration.
+    """How a transit differs from the transit of the source demonstration.
 
     Attributes:
         aside_m: Displacement of the midpoint to the left, as seen from above [m].
@@ -38,12 +38,12 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Transfer the transit that leads to the step ``begin`` of a skill, so that it begins and ends at other poses.
+    """Transfer the transit that leads to the step ``begin`` of a skill to another start pose and end pose.
 
     Return one pose per control step.
 
-    Seen from above, the transit is rotated and stretched along the line between its end points. Otherwise, its sideways
-    offset from this line and its height stay the same, except for the requested variation.
+    Seen from above, the transit is rotated, and stretched along the line between its end points. Its height and its
+    sideways offset from this line do not change, except for the requested variation.
 
     Args:
         skill: The skill in the source demonstration.
@@ -84,7 +84,7 @@ def carry_transit(
 
 
 def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None:
-    """Rotate and stretch the points of a transit so that they lead from start to goal.
+    """Rotate and stretch a transit so that it leads from start to goal.
 
     Return None if the transit would be stretched too much.
     """

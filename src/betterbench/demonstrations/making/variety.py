@@ -1,10 +1,10 @@
 """Variety of demonstrations: how much they differ in corresponding motions.
 
 Two demonstrations of the same condition are compared in the motions that belong to the same subgoal and skill. The
-random positions of objects in their slots are removed first, so that copies of one path from different initial states
-have no variety. Paths are compared by their offset from the straight line between their end points. Grasps and
-approaches are compared in the frame of the object. Every value is a mean over pairs of demonstrations, so it does not
-depend on the number of demonstrations.
+random positions of objects in their slots are removed first, so that copies of the same path count as zero variety even
+if they begin at different initial states. Paths are compared by their offset from the straight line between their end
+points. Grasps and approaches are compared in the frame of the object. Every value is a mean over pairs of
+demonstrations, so it does not depend on the number of demonstrations.
 """
 
 from __future__ import annotations
@@ -46,12 +46,13 @@ class Spread:
     """Mean difference between two demonstrations in the same motion.
 
     Attributes:
-        path_cm: Distance between the tool paths at equal fractions of their length, without the random positions of
-            objects in their slots [cm].
+        path_cm: Distance between the tool paths at equal fractions of their length, after removing the effect of the
+            random positions of objects in their slots [cm].
         height_cm: Difference between the maximum heights of the tool [cm].
-        side_cm: Difference between the mean sideways offsets from the straight line, in the middle half of the paths
-            [cm].
-        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or target region [deg].
+        side_cm: Difference between the mean sideways offsets from the straight line between the end points, in the
+            middle half of the paths [cm].
+        approach_deg: Angle between the directions of the last 5 cm of the paths, in the frame of the object or target
+            region [deg].
         duration_s: Difference between the durations of the motion [s].
         grasp_cm: Distance between the tool centers when the gripper closes, in the frame of the object [cm]; None if
             there is no grasp.
@@ -81,7 +82,7 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Variety of the demonstrations of a condition in one motion, i.e. how much they differ.
+    """Variety of a condition's demonstrations: how much they differ in one motion.
 
     A motion ends with a grasp, or leads from a grasp to the release.
 
@@ -102,7 +103,7 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """Variety of the demonstrations of a task, i.e. how much they differ.
+    """Variety of a task's demonstrations: how much they differ.
 
     Attributes:
         task: Task name.

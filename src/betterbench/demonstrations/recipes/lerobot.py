@@ -86,7 +86,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
             f"{policy} does not use the instruction: it can only distinguish the two tasks by the tablecloth."
         )
     elif policy in _WITHOUT_LANGUAGE:
-        checks.append(f"{policy} does not use the instruction: export and train it per task (better export --tasks).")
+        checks.append(f"{policy} does not use the instruction: export and train it per task (`better export --tasks`).")
     else:
         checks.append(f"{policy} loads a tokenizer or a backbone from the Hugging Face hub.")
     if policy == "multi_task_dit":

@@ -178,7 +178,7 @@ def _real_settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
 
 
 def _real_files(name: str, settings: tuple[Setting, ...]) -> dict[str, str]:
-    """Return the launcher and the module that the processes of the data loader import, as contents by file name."""
+    """Return the contents of two files by name: the launcher, and the module that data-loader processes import."""
     values = {setting.name: setting.value for setting in settings}
     texts = {field.replace(".", "_"): repr(value) for field, value in values.items()}
     imports = "    import openpi.shared.nnx_utils as nnx_utils\n" if "nnx_utils" in values["freeze_filter"] else ""

@@ -1,4 +1,4 @@
-"""Fine-tuning recipes: the values that the paper prescribes, each with its source."""
+"""Fine-tuning recipes: the values given in the BeTTER paper, each with its source."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ class Recipe:
         name: Name of the recipe, which is used in the names of configurations and folders.
         benchmark: Benchmark whose demonstrations are used for training.
         form: Content of the user's recipe file.
-        fixed: Values of ``steps`` and ``batch`` that apply if the user's file does not set them, each with its source
-            and the passage of the source that states it.
-        frozen: Frozen parts of the backbone by framework, with the passage of the paper that states them.
+        fixed: Default values of ``steps`` and ``batch``, for files that do not set them. Each value is stored with its
+            source and the passage in the source.
+        frozen: Frozen parts of the backbone by framework, with the passage in the paper.
         policies: Steps and batch size by policy type, for the policy types of LeRobot that have a different recipe.
     """
 
@@ -127,8 +127,7 @@ class Recipe:
     def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
         """Return the frozen parts of the backbone for a framework, with the source of this choice.
 
-        The parts are None if the framework's default is used. The last of the returned values is the passage of the
-        source that states the choice.
+        The parts are None if the framework's default is used. The last returned value is the passage in the source.
         """
         given = (self.form.frozen or {}).get(framework)
         if given is not None:
@@ -147,13 +146,13 @@ def given_or(name: str, given: object, value: object, origin: Origin, where: str
         given: Value in the recipe file; None if the file does not set the field.
         value: Default value.
         origin: Source of the default value.
-        where: Passage of the source that states the default value.
+        where: Passage in the source that contains the default value.
     """
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe of the paper by name, or create a recipe from the content of a recipe file.
+    """Return a recipe from the BeTTER paper by name, or create a recipe from the content of a recipe file.
 
     Args:
         form: ``better``, ``libero``, ``calvin`` or ``real_arm``, or a mapping of fields.

@@ -1,4 +1,4 @@
-"""Setup for training by a recipe: files for the framework, settings with their sources, and manual checks."""
+"""Setup for training with a recipe: files for the framework, settings with their sources, and manual checks."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.tasks import get_task
 
 SOURCE_FILE = Path("meta/betterbench.json")
-_CURE = "Use a folder that better export wrote, or a folder that does not exist yet"
-_RECORD_AGAIN = "Use a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
+_CURE = "Use a folder that `better export` wrote, or a folder that does not exist yet"
+_RECORD_AGAIN = "Use a data set that `lerobot-record` wrote, with so101_follower and the cameras 'front' and 'wrist'"
 _MAX_META_BYTES = 1 << 28
 REAL_CAMERAS = ("front", "wrist")
 SO101_COLUMNS = SO101_DEGREES.components
@@ -41,7 +41,7 @@ class TrainingData:
 
     Attributes:
         place: Folder of the data set, or its name on the Hugging Face hub.
-        preset: Preset with which betterbench exported the data set; "" for other data.
+        preset: Export preset of the data set if betterbench exported it; "" for other data.
         frames: Number of frames; None if the data set is not on this machine.
         quality: Render quality of the images.
         still: Components that are nearly constant, so that normalization amplifies their noise.
@@ -65,7 +65,7 @@ class TrainingData:
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """Training run that the user requests.
+    """Training run requested by the user.
 
     Attributes:
         recipe: Recipe to follow.
@@ -128,7 +128,7 @@ class TrainerSetup:
 
     Attributes:
         framework: Name of the framework.
-        upstream: Repository and commit (or release) from which the fields were taken.
+        upstream: Repository and commit (or release) that the fields were taken from.
         files: Content of each file, by file name.
         settings: Fields of the framework's configuration.
         commands: Title and command lines of each step, in order.
@@ -173,7 +173,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         _SOURCE, open_seal(raw, where=str(file), cure=_CURE, since=("version", 2)), where=str(file), cure=_CURE
     )
     to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
-    cure = f"Export it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
+    cure = f"Export it with `better export RUN --to {to} --preset {preset} --out {shell_word(place)}`"
     if source.layout.adapter.name != preset:
         found = one_line(source.layout.adapter.name, most=80)
         raise InvalidInputError(place, f"its layout is {found}, but this trainer needs {preset}", cure)
@@ -217,7 +217,7 @@ def recorded_data(folder: Path) -> TrainingData:
     if missing:
         cameras = ", ".join(sorted(c.removeprefix("observation.images.") for c in info.features if ".images." in c))
         problem = f"expected a camera {missing[0]!r}, found {cameras or 'none'}"
-        raise InvalidInputError(place, problem, "Name the cameras front and wrist when recording")
+        raise InvalidInputError(place, problem, "Name the cameras 'front' and 'wrist' when recording")
     return TrainingData(place, "", info.total_frames, rate_hz=info.fps, episodes=info.total_episodes)
 
 
@@ -305,7 +305,10 @@ def export_line(data: TrainingData, to: str, *, images: str = "video", place: st
 
 
 def record_lines(place: str) -> str:
-    """Return the commands that record the paper's demonstrations, one session per instruction and object layout."""
+    """Return the commands that record the demonstrations of the BeTTER paper.
+
+    There is one recording session per instruction and object layout.
+    """
     task = get_task("fruit_basket")
     lines = []
     for number, condition in enumerate(task.training):
@@ -384,8 +387,8 @@ def evaluation_lines(
         address: Policy address, such as ``openpi://localhost:8000``, for a policy trained on betterbench's
             demonstrations.
         on_libero: Commands of the framework's own LIBERO evaluation, for a policy trained for LIBERO.
-        libero_address: Policy address with which a policy trained for LIBERO is evaluated on betterbench's suite; None
-            if this is not possible.
+        libero_address: Policy address for evaluating a policy trained for LIBERO on betterbench's suite; None if this
+            is not possible.
     """
     if recipe.benchmark == "better":
         return _evaluation_line(address, recipe, data)
@@ -425,7 +428,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Describe how many samples the training uses and, if the data set is known, how often it passes over the data."""
+    """Describe how many samples are used for training and, if the data set is known, how many epochs these are."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

@@ -53,7 +53,7 @@ class MadeDataset:
         missing: Number of planned initial states for which no demonstration was made, not even with a replacement.
         audit: Shortcut audit; None if no task has enough demonstrations.
         prediction: Predicted failures from the audit; None without an audit.
-        pairs: Pairs of twins, i.e. of demonstrations with the same initial state and different instructions.
+        pairs: Pairs of twins (demonstrations with the same initial state and different instructions).
         variety: How much the demonstrations of each task differ.
         sources: How much the source demonstrations of each task differ; empty if there are no sources.
     """
@@ -82,7 +82,8 @@ def make_dataset(
 ) -> MadeDataset:
     """Make the training set that a recipe describes.
 
-    If an earlier call was interrupted, calling the function again resumes its work and gives the same bytes.
+    If an earlier call was interrupted, calling the function again resumes the work. The resulting files are the same as
+    without the interruption.
 
     Args:
         recipe: Recipe of the set.
@@ -116,7 +117,9 @@ def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures
     run = _demonstrations(recipe, out, workers, tell)
     trials = sorted(entry.key for entry in run.entries() if entry.status == "done")
     if not trials:
-        raise InvalidInputError(str(run.path), "no attempt was accepted", "See the reasons in its folder acceptance")
+        raise InvalidInputError(
+            str(run.path), "no attempt was accepted", "See the reasons in its subfolder 'acceptance'"
+        )
     held_out = frozenset(validation_seeds({trial.seed for trial in trials}, recipe.validation))
     numbers, facts, variety = _proven(run, recipe, trials, held_out, tell)
     pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
@@ -175,7 +178,8 @@ def _proven(
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
     """Check that each record lies within the training distribution.
 
-    Return the statistics of the set, the facts for the shortcut audit, and the variety of the demonstrations.
+    Return the statistics of the set, the facts on which the shortcut audit is based, and the variety of the
+    demonstrations.
     """
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}

@@ -1,4 +1,4 @@
-"""Dataset card of a training set: a README.md with counts, lengths, ranges, pictures, shortcuts and the command."""
+"""Dataset card of a training set: a README.md with statistics, pictures, shortcuts, and the command to reproduce it."""
 
 from __future__ import annotations
 

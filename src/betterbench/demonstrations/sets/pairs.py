@@ -15,10 +15,10 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
-    """Yield the pairs of twins in a run whose conditions share their seeds, ordered by task, seed and condition.
+    """Yield the pairs of twins in a run in which conditions share their seeds, ordered by task, seed and condition.
 
-    The two demonstrations of a pair have the same initial state and different instructions. If they were accepted in
-    attempts with different indices, they have different motion styles and do not form a pair.
+    The two demonstrations of a pair have the same initial state and different instructions. Demonstrations that were
+    accepted in attempts with different indices have different motion styles and do not form a pair.
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):

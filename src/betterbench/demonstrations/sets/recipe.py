@@ -25,7 +25,7 @@ from betterbench.version import __version__
 RECIPE_VERSION = 1
 """Version of the procedure that makes a training set from a recipe."""
 _MAX_BYTES = 1 << 20
-_CURE = "Use the --out folder of better dataset"
+_CURE = "Use the --out folder of `better dataset`"
 
 
 @strict_form
@@ -120,7 +120,7 @@ def require_recipe(recipe: SetRecipe, out: Path) -> None:
     value of ``demos``, because a larger set contains the smaller one.
 
     Raises:
-        RunConflictError: If the folder contains other files, or the set of another recipe.
+        RunConflictError: If the folder contains other files, or a set made from a different recipe.
         RecordError: If the recipe in the folder cannot be read.
     """
     require_free(out, "dataset", file="recipe.json", besides=(LIST_NAME,))

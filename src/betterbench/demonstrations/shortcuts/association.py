@@ -63,9 +63,9 @@ class PermutationTest:
     Attributes:
         x: (n,) code of the first variable's value in each observation.
         y: (n,) code of the second variable's value in each observation.
-        sizes: Numbers of distinct values of the first and of the second variable.
+        sizes: Number of distinct values of the first variable, and of the second.
         block: (n,) index of the demonstration that each observation belongs to.
-        within: Whether the first variable's values are permuted within each demonstration.
+        within: Whether the values of the first variable are permuted within each demonstration.
         null: (PERMUTATIONS,) mutual information of each permutation [bit].
         found: Association found in the data.
     """
@@ -110,7 +110,7 @@ def permutation_test(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> PermutationTest:
-    """Like :func:`association`, but also return the observed values and the result of every permutation."""
+    """Like :func:`association`, but also returns the observed values and the result of every permutation."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -244,7 +244,7 @@ def _permuted_bits(
 def strongest_of(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> list[Association]:
-    """Like :func:`features_test`, but return only the associations."""
+    """Like :func:`features_test`, but returns only the associations."""
     return features_test(presence, outcome, draw)[0]
 
 

@@ -1,4 +1,4 @@
-"""Shortcut audit: associations in a data set that exceed chance, and the variations in which the associations break."""
+"""Shortcut audit: associations in a data set that exceed chance, and the variations in which they do not hold."""
 
 from __future__ import annotations
 
@@ -119,15 +119,15 @@ class Finding:
             :class:`~betterbench.demonstrations.shortcuts.association.Association`. For complete instructions, see
             :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
         p_value: p-value of the permutation test; None if there was nothing to permute because the value is constant.
-        p_adjusted: p-value multiplied by the number of questions whose p-values are corrected together.
+        p_adjusted: p-value corrected for multiple tests, i.e. multiplied by the number of questions in the same family.
         n: Number of observations.
         verdict: Verdict, see :data:`Verdict`.
         rules: Rules that a policy could follow, in words.
-        seen: Counts from which the rules were derived: for each value of the first variable, the counts of the values
-            of the second variable.
+        seen: Counts that the rules were derived from: for each value of the first variable, the counts of the values of
+            the second variable.
         separating: Variations in which correct behavior violates the rule, each with the observation that violates it.
-        meaning: Reason why the words imply this outcome by their meaning. The rule is then a regularity and not a
-            shortcut. "" if no reason is known.
+        meaning: Reason why the meaning of the words implies this outcome, which makes the rule legitimate and not a
+            shortcut; "" if no reason is known.
     """
 
     question: str
@@ -241,11 +241,11 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """Finding whose p-value is not yet corrected for multiple tests.
+    """Finding with a p-value that is not yet corrected for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
-        rules: Counts from which the rules were derived.
+        rules: Counts that the rules were derived from.
         certain: Whether one of the rules holds always or nearly always.
         parts: Words that the question is about: one entry for a single word, two entries for a pair of words.
         columns: Indices of these words among the tested words.
@@ -260,7 +260,7 @@ class _Raw:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Group of demonstrations, with the questions asked about it and the findings.
+    """Group of demonstrations, with the findings and the questions that they answer.
 
     Attributes:
         pairs: Questions about pairs of words.
@@ -290,7 +290,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """Tested question about word pairs, with the numbers of demonstrations, word pairs and distinct outcomes."""
+    """Tested question about word pairs, with the counts of demonstrations, word pairs and distinct outcomes."""
 
     question: str
     title: str
@@ -396,7 +396,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
 
 
 def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
-    """Return the findings on associations between an outcome and the words, word pairs and complete instructions."""
+    """Return the findings on associations of an outcome with words, word pairs and complete instructions."""
     known = [facts for facts in group.episodes if outcome.of(facts)]
     outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
@@ -442,7 +442,7 @@ def _answers_about_single_words(
 
 
 def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
-    """Return the findings on pairs of words that determine an outcome only together."""
+    """Return the findings on pairs of words that determine an outcome only when they occur together."""
     question, title = outcome.question(PAIRS), outcome.title(PAIRS)
     codes, kinds = codes_of(outcomes)
     pairs = telling_pairs(said.presence, codes, fewest=FEWEST) if len(said.words) > 1 else []
@@ -481,7 +481,7 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return the findings on complete instructions that tell more than their single words and word pairs.
+    """Return findings on complete instructions that predict an outcome better than their words and word pairs do.
 
     Args:
         group: Group of demonstrations.
@@ -522,10 +522,10 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """Return, for each instruction, the words whose meaning determines the outcome, joined into one string.
+    """For each instruction, return the words that determine the outcome by their meaning, joined into one string.
 
     If the outcome is a place, these are the words that name places. If the outcome is the order in which objects are
-    moved, these are the words that name objects, in the order in which the instruction contains them.
+    moved, these are the words that name objects, in the order in which they appear in the instruction.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -619,8 +619,8 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
     """Return the smallest fraction of the demonstrations at which the audit detects a rule about two words.
 
-    The fraction counts the demonstrations whose outcome the rule determines. Both words are assumed to occur in half of
-    the demonstrations. Return None if there are too few demonstrations for any such rule to be detected.
+    This is the fraction of the demonstrations in which the rule determines the outcome. Both words are assumed to occur
+    in half of the demonstrations. Return None if there are too few demonstrations for any such rule to be detected.
     """
     if asked.n // 4 < FEWEST:
         return None
@@ -671,7 +671,7 @@ def _finding(question: str, title: str, subject: str, found: Association, lines:
 
 
 def _shares(seen: Counter[str]) -> str:
-    """Format values with their frequencies in percent, the most frequent first."""
+    """Format values with their frequencies in percent, starting with the most frequent."""
     total = sum(seen.values())
     ranked = sorted(seen.items(), key=lambda item: (-item[1], item[0]))
     if len(ranked) == 1:
@@ -701,7 +701,7 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 
 
 def _family(group: _Group, question: str) -> str:
-    """Return the family of questions whose p-values are corrected together.
+    """Return the family of a question. The p-values of the questions in a family are corrected together.
 
     In data sets recorded with betterbench, questions about several words form a separate family.
     """
@@ -756,9 +756,9 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Return whether a finding counts.
+    """Return whether a finding is reported.
 
-    It must be significant, and be strong or certain (see ``certain`` in :class:`_Raw`).
+    It must be significant. It must also be strong, or certain (see ``certain`` in :class:`_Raw`).
     """
     if p_value is not None and p_value > ALPHA:
         return False
@@ -810,11 +810,13 @@ def _certain(rules: Rules) -> bool:
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Describe how correct behavior in a variation violates a rule. Return "" if the rule holds in the variation.
+    """Describe how correct behavior in a variation violates a rule.
+
+    Return "" if the rule holds in the variation.
 
     Args:
         finding: Finding that states the rule.
-        raw: Counts from which the rule was derived.
+        raw: Counts that the rule was derived from.
         test: Facts of correct behavior in the variation.
     """
     rules = raw.rules

@@ -44,8 +44,8 @@ class ShownStep:
     Attributes:
         thing: Kind of the object; "" if unknown.
         word: Word that the instruction uses for the object; "" if unknown.
-        origin: Slot from which the object was taken; "" if the object has none, such as a drawer.
-        target: Target to which the object was moved.
+        origin: Slot that the object was taken from; "" for objects that have no slot, such as drawers.
+        target: Target that the object was moved to.
     """
 
     thing: str
@@ -109,7 +109,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
     """Return the facts of a recorded episode.
 
     Args:
-        record: Record of the episode, whose states show the moved objects.
+        record: Record of the episode. Its states show which objects were moved.
         condition: Condition in which the episode started. The names of its slots are used as names of places.
     """
     meta = record.metadata

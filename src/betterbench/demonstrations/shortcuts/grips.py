@@ -1,4 +1,4 @@
-"""Detection of the steps at which a gripper closes and opens, and of the end of its range that means closed."""
+"""Detect when a gripper closes and opens, and which end of its range means "closed"."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """Range of a gripper's values, the threshold between open and closed, and the end of the range that means closed.
+    """Range of a gripper's values, the threshold between open and closed, and which end of the range is closed.
 
     Attributes:
         low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         between: Threshold between open and closed.
-        closed: End of the range that means closed, ``low`` or ``high``.
+        closed: The closed end of the range, ``low`` or ``high``.
         because: Reason for choosing this end.
         warning: Evidence against this choice; "" if there is none.
     """
@@ -66,22 +66,22 @@ class Still:
 
     @property
     def told(self) -> str:
-        """Text that states the range and the evidence."""
+        """Text with the range and the evidence."""
         return f"which never moves (range {self.low:.3g} to {self.high:.3g}{self.reason})"
 
 
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
-    """Find the grippers that never move: their values are constant, or are only the noise of an idle arm.
+    """Find the grippers that never move. Their values are constant, or vary only by the noise of an idle arm.
 
     Values are recognized as noise by comparison with another gripper. It must be in the same column, or in a column
     whose name differs only in the side (left or right). The values are noise in two cases. First, their range is less
-    than :data:`IDLE_SHARE` of the other gripper's range. A gripper that switches between two positions still counts as
-    moving then, because its values may have a different unit. Second, their range is smaller than the other gripper's
-    range, and they change faster than a gripper can move.
+    than :data:`IDLE_SHARE` of the other gripper's range. A gripper that switches between two positions is an exception,
+    because its values may just have a different unit. Second, their range is smaller than the other gripper's range,
+    and they change faster than a gripper can move.
 
     Args:
         grips: Each gripper with its values (T,) by episode.
-        shortest: Minimum number of rows for which a gripper is closed or open.
+        shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
 
     Returns:
         For each gripper, its range if it never moves, and None if it moves.
@@ -131,8 +131,9 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
     """Determine the range, the threshold and the closed end of a moving gripper.
 
     The closed end is inferred from the gripper's name ("width", "closed") and from values that look like widths in
-    meters. If neither of them tells, it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed, 100 open)
-    and from the values with which the episodes begin. If both sources of such a pair give an answer, they must agree.
+    meters. If neither of them gives an answer, it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed,
+    100 open) and from the values at the beginning of the episodes. In both cases, the two sources must not contradict
+    each other.
 
     Args:
         grip: The gripper.
@@ -210,7 +211,7 @@ def _between(values: _Floats, low: float, high: float) -> float:
 
 
 def held(values: _Floats) -> _Floats:
-    """Replace each command 0 by the previous nonzero command if the commands (T,) are only -1, 0 and 1.
+    """Replace each command 0 with the previous nonzero command if all commands (T,) are -1, 0 or 1.
 
     In such data sets, 0 means that the gripper keeps its last command.
     """

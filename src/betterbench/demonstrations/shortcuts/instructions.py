@@ -1,4 +1,4 @@
-"""Test whether complete instructions tell more about an outcome than their single words and word pairs.
+"""Test whether complete instructions predict an outcome better than their single words and word pairs.
 
 An outcome may depend on three or more words together, or on two words that occur together in too few demonstrations to
 be tested as a pair. Both cases are covered by testing complete instructions. To avoid reporting a rule twice,
@@ -74,8 +74,8 @@ def share_told(joint: _Ints) -> _Floats:
 
     A category consists of demonstrations with the same text, such as the same complete instruction.
 
-    The comparison is with always guessing the most frequent outcome. The outcome of each demonstration is guessed from
-    the other demonstrations of its category (leave-one-out). Ties count as half right.
+    The baseline is to always guess the most frequent outcome. The outcome of each demonstration is guessed from the
+    other demonstrations of its category (leave-one-out). Ties count as half right.
 
     Args:
         joint: (..., categories, outcomes) joint counts of one or more tables.

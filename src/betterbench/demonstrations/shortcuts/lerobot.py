@@ -2,7 +2,7 @@
 
 The facts come from instructions, actions and proprioception, since these data sets contain no simulator state. Objects
 therefore have no names, and places are the points at which a gripper closes or opens. The columns with the instruction,
-the gripper and the position are recognized by name. A data set whose names are ambiguous is rejected.
+the gripper and the position are recognized by name. A data set is rejected if its names are ambiguous.
 :class:`DataReading` lists the chosen columns.
 """
 
@@ -79,7 +79,7 @@ class Choices:
         instruction: Column with the instruction, either in the frames or in the tasks file.
         grippers: Names of the gripper components, one per arm.
         places: Names of the position components, with the same number of components for each gripper.
-        closed: End of the gripper's range that means closed.
+        closed: The closed end of the gripper's range.
         seed: Seed for drawing the sample if there are more than :data:`MOST_EPISODES` episodes.
     """
 
@@ -92,7 +92,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """Facts about the episodes of a LeRobot data set, with a description of the data from which they were derived."""
+    """Facts about the episodes of a LeRobot data set, with a description of the data that they were derived from."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
@@ -111,8 +111,9 @@ def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     """Return the facts about each episode of a LeRobot data set.
 
-    If the instruction changes within an episode, there are separate facts about each segment with one instruction. With
-    two arms, there is one group of facts per arm, and another group that states which arm closes its gripper first.
+    If the instruction changes within an episode, the episode is split into segments, and there are separate facts about
+    each segment. With two arms, there is one group of facts per arm, and another group that states which arm closes its
+    gripper first.
 
     Args:
         path: Folder of the data set.
@@ -282,7 +283,7 @@ class _Scanned:
 
     Attributes:
         episodes: Usable episodes.
-        orders: Files whose rows had to be sorted, each with the order of its rows.
+        orders: Files in which the rows had to be sorted, each with the order of its rows.
         short: Number of episodes with fewer than two frames.
         silent: Number of episodes without an instruction.
         pointers: Number of files that are Git LFS pointers.
@@ -482,7 +483,7 @@ class _Arm:
     Attributes:
         grip: Gripper component of the arm.
         place: Position components of the arm.
-        jaws: Range of the gripper's values, and which end means closed.
+        jaws: Range of the gripper's values, and which end of it is closed.
         closings: For each episode, the rows in which the gripper closes.
         openings: For each episode, the rows in which the gripper opens.
         share_closed: Fraction of all rows in which the gripper is closed.
@@ -508,9 +509,9 @@ class _Arm:
 
         Args:
             chosen: Gripper and position components of the arm.
-            jaws: Range of the gripper's values, and which end means closed.
+            jaws: Range of the gripper's values, and which end of it is closed.
             episodes: Values of all episodes.
-            shortest: Minimum number of rows for which a gripper is closed or open.
+            shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
         """
         grip, place = chosen
         grips, ways = [e.grips[grip.arm] for e in episodes], [e.ways[grip.arm] for e in episodes]
@@ -543,7 +544,7 @@ class _Arm:
 
 
 def _shortest(info: Mapping[str, Any]) -> int:
-    """Return the minimum number of consecutive frames for which a gripper counts as closed or open."""
+    """Return the minimum number of consecutive frames for which a gripper must be closed or open."""
     return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
 
 
@@ -555,7 +556,10 @@ def _rate(info: Mapping[str, Any]) -> float | None:
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield the facts about one arm for each segment with one instruction in each episode."""
+    """Yield the facts about one arm.
+
+    Each episode is split into segments in which the instruction does not change. There is one set of facts per segment.
+    """
     exact = arm.place.space in ("position", "steps")
     names = []
     for edges in (arm.closings, arm.openings):
@@ -583,7 +587,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield one fact for each segment with one instruction: which arm closes its gripper first."""
+    """For each segment of an episode with a constant instruction, yield which arm closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -593,7 +597,7 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """Data that were read and choices that were made, for the description of the data set.
+    """The data that were read and the choices that were made. They are reported in the description of the data set.
 
     Attributes:
         still: Grippers that never move, each with the evidence.
@@ -644,7 +648,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield sentences that describe how the frames had to be sorted or joined."""
+    """Yield sentences on how the frames had to be sorted or joined."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = (
             f"by episode_index and {key}"
@@ -658,7 +662,7 @@ def _about(scanned: _Scanned) -> Iterator[str]:
 
 
 def _left_out(read: _Read) -> Iterator[str]:
-    """Yield a description of each part of the data that was left out, with the reason."""
+    """Yield a description of each part of the data that was left out, and the reason."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"

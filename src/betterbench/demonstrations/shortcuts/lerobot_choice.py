@@ -1,7 +1,6 @@
 """Choose the gripper and position components of a LeRobot data set by their names.
 
-If the names are ambiguous, the data set is rejected, and the error message names the option with which the user can
-choose.
+If the names are ambiguous, the data set is rejected. The error message names the option for choosing a component.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that tells how far the gripper of an arm is closed, with the reason why it was chosen."""
+    """Component that measures how far the gripper of an arm is closed, with the reason why it was chosen."""
 
     arm: str
     number: NamedNumber
@@ -89,7 +88,7 @@ class ArmPlace:
         arm: Name of the arm; "" if unknown.
         numbers: The components.
         space: Kind of the values, see ``PlaceReading``.
-        by: Source of the names by which the components were recognized.
+        by: Source of the names that identified the components.
     """
 
     arm: str
@@ -277,9 +276,10 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm whose position components belong to a gripper, as a tuple with one name.
+    """Return the arm that a gripper belongs to, among the arms with position components in a column.
 
-    Return an empty tuple if the column has no such components, or if the choice is ambiguous.
+    The result is a tuple with one name. It is empty if the column has no such components, or if the choice is
+    ambiguous.
 
     Args:
         columns: Components of the data set.
@@ -349,9 +349,9 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the end of a gripper's range that means closed, ``low`` or ``high``, if the gripper's name implies it.
+    """Return which end of a gripper's range is closed (``low`` or ``high``) according to its name, and the reason.
 
-    The end is returned with the reason. Return None if the name does not imply either end.
+    Return None if the name does not imply either end.
     """
     for label in number.labels:
         words = set(tokens(label))

@@ -98,7 +98,7 @@ class Tasks:
 
     Attributes:
         texts: Instructions by task index; None for an index without a text.
-        source: Column and file from which the instructions were read.
+        source: Column and file that the instructions were read from.
         others: Other columns that may contain instructions and were not read.
     """
 
@@ -164,7 +164,7 @@ def _parquet_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _listed(column: pa.ChunkedArray) -> list[Any]:
-    """Return the values of a column. Equal texts share one string object, which saves memory."""
+    """Return the values of a column. Equal strings share one object, which saves memory."""
     flat = column.combine_chunks()
     if not pa.types.is_dictionary(flat.type):
         return list(flat.to_pylist())
@@ -185,7 +185,7 @@ def _json_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects in a text, which are either written one after the other or in a list."""
+    """Yield the JSON objects in a string. They are either written one after the other or in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
@@ -287,7 +287,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file from an external data set. Texts that occur in many rows are kept in memory only once."""
+    """Open a Parquet file from an external data set. A string that occurs in many rows is kept in memory only once."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:

@@ -1,4 +1,4 @@
-"""Order of the frames in a LeRobot data set, whose files may be unsorted and whose episodes may span several files."""
+"""Order of the frames in a LeRobot data set. Files may be unsorted, and an episode may span several files."""
 
 from __future__ import annotations
 

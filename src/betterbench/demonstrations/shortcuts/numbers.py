@@ -55,7 +55,7 @@ class NamedNumber:
         column: Name of the column.
         index: Index of the component in the column.
         name: Name of the component in ``meta/info.json``; "" if it has none.
-        labels: All names of the component from different files, the most specific first.
+        labels: All names of the component from different files, starting with the most specific.
         by: Source of each of these names.
     """
 
@@ -95,7 +95,7 @@ def tokens(name: str) -> list[str]:
 
 
 def arm_in(name: str) -> str:
-    """Return the arm that a name mentions: ``left``, ``right``, a number as text, or "" if it mentions no arm."""
+    """Return the arm that a name mentions: ``left``, ``right``, or a number as a string; "" if it mentions no arm."""
     found = {_SIDES[token] for token in tokens(name) if token in _SIDES}
     if len(found) == 1:
         return found.pop()
@@ -251,7 +251,7 @@ def _kind(label: str) -> str:
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
     """Return the name of a column that the user gave for an option.
 
-    If there is no such column, raise UnknownNameError with similar names.
+    If there is no such column, raise an UnknownNameError that suggests similar names.
     """
     columns = list(known)
     if name not in columns:

@@ -100,7 +100,7 @@ def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
 
 
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
-    """Format the predicted failures as a Markdown table, most likely failures first.
+    """Format the predicted failures as a Markdown table, starting with the most likely.
 
     Args:
         prediction: Prediction for all variations.

@@ -29,9 +29,9 @@ class WordPair:
         first: Index of the first feature.
         second: Index of the second feature.
         outcome: Index of the most frequent outcome among episodes with both features.
-        p_value: Larger p-value of two exact tests. Each test takes the episodes with one of the features, and compares
-            how frequent the outcome is with and without the other feature. The p-value is corrected for the number of
-            outcomes, and by Holm's method (1979) for the number of pairs.
+        p_value: The larger p-value of two exact tests. Each test takes the episodes with one of the features, and
+            compares how frequent the outcome is with and without the other feature. The p-value is corrected for the
+            number of outcomes, and by Holm's method (1979) for the number of pairs.
         gain: How much the second feature helps to predict the outcome if the first is known: the increase of the
             outcome's frequency, as a fraction of the largest possible increase.
     """
@@ -44,7 +44,7 @@ class WordPair:
 
 
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
-    """Test all pairs of features that occur together often enough, and return them with the smallest p-value first.
+    """Test all pairs of features that occur together often enough. Return the pairs in order of increasing p-value.
 
     If a feature occurs in exactly the episodes that have two other features, it is left out, because it is equivalent
     to the pair of these features.

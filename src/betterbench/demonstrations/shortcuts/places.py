@@ -71,7 +71,7 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
 
 def _written(point: _Floats, span: float) -> str:
-    """Format a point with enough digits to tell the cells of a workspace of the given size apart."""
+    """Format a point with enough digits to distinguish the cells of a workspace of the given size."""
     digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
     return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
 
@@ -99,7 +99,7 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the direction in which a path in the plane sets out, rounded to one of eight directions.
+    """Return the direction in which a path in the plane starts, rounded to one of eight directions.
 
     Return "" if the path does not leave its first point.
 

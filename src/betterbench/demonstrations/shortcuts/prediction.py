@@ -86,7 +86,7 @@ For each variation, only labels that are possible in the variation are used.
 NAMESPACE = "betterbench-prediction"
 """Namespace of the signatures that ``ssh-keygen -Y`` makes."""
 _MAX_BYTES = 8 * 1024 * 1024
-_CURE = "Use a file that better dataset or better shortcuts wrote"
+_CURE = "Use a file that `better dataset` or `better shortcuts` wrote"
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]

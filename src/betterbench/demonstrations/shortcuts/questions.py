@@ -17,12 +17,12 @@ class Question:
     """Question of whether a policy could infer one variable from another.
 
     Attributes:
-        name: Name of the question in files.
+        name: Name that identifies the question in JSON files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
         pairs: Function that returns the observations (pairs of values) in a demonstration. Its second argument is the
             set of object kinds that are picked in any demonstration; None means all kinds.
-        within: Whether the test permutes observations within a demonstration instead of between demonstrations.
+        within: Whether the test permutes values within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
 

@@ -10,7 +10,7 @@ from betterbench.statistics.wording import plural
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """Source and range of a gripper's values, and which end of the range means closed.
+    """Source and range of a gripper's values, and which end of the range is closed.
 
     Attributes:
         arm: Arm of the gripper; "" if there is only one arm.
@@ -59,10 +59,10 @@ class DataReading:
         observations: Description of the segments if the audit compares segments with one instruction each; "" if it
             compares complete episodes.
         instruction: Source of the instructions, and their number.
-        grippers: One entry per arm; empty for records of betterbench, whose states show the grasps.
+        grippers: One entry per arm; empty for records of betterbench, in which the states show the grasps.
         places: One entry per arm.
         about: Additional sentences about the sources.
-        left_out: Data that were not read, each with the reason.
+        left_out: Data that were not read, with the reasons.
         warnings: Problems in the data that may lead to wrong findings.
     """
 

@@ -55,10 +55,10 @@ anyway because one value always occurs with the same other value.
 
 @dataclass(frozen=True, slots=True)
 class RuleCounts:
-    """Criterion by which a significant association is reported.
+    """Criterion for reporting a significant association.
 
     Attributes:
-        strong: Strength at and above which every significant association is reported.
+        strong: Minimum strength at which every significant association is reported.
         certain: Function that decides whether a weaker association is reported.
     """
 
@@ -74,8 +74,8 @@ class SmallestRule:
         question: Question name.
         title: The question in words.
         n: Number of compared demonstrations, or of compared observations within demonstrations.
-        noun: Noun for what is counted by ``n``.
-        least_share: Smallest fraction of the outcomes that a rule must determine so that it is found in at least
+        noun: Noun for the counted items, such as "demonstrations".
+        least_share: Minimum fraction of the outcomes that a rule must determine to be found in at least the fraction
             :data:`POWER` of all data sets with these counts. The other outcomes are random. None if not even a rule
             without exceptions would be found.
         strong_share: The same fraction if the rule must only be strong and need not be significant. With very many
@@ -111,7 +111,7 @@ def smallest_rule(
         question: Question name.
         title: The question in words.
         n: Number of compared demonstrations or observations.
-        noun: Noun for what is counted by ``n``.
+        noun: Noun for the counted items, such as "demonstrations".
         shares: Fractions ``least_share`` and ``strong_share``.
     """
     return SmallestRule(question, title, n, noun, *shares, f"{title}: {said_of(shares[0], f'{n} {noun}')}")
@@ -121,8 +121,9 @@ def said_of(share: float | None, of: str) -> str:
     """Return a sentence that states which rules the audit would have found.
 
     Args:
-        share: Smallest fraction that a rule must determine to be found; None if no rule would be found.
-        of: Number of compared demonstrations with the noun, such as "24 demonstrations".
+        share: Minimum fraction of the outcomes that a rule must determine so that the audit finds it; None if the audit
+            would not find any rule.
+        of: What was compared, as a number with its noun, such as "24 demonstrations".
     """
     if share is None:
         return f"with {of}, not even a rule without exceptions would be found"
@@ -146,7 +147,7 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data of a question, from which data sets with an artificial rule are made.
+    """Data of a question, used to make data sets with an artificial rule.
 
     Attributes:
         y: (n,) outcome of each observation.
@@ -154,7 +155,7 @@ class Planted:
             allow.
         block: (n,) index of the unit that each observation belongs to. A unit is usually a demonstration. A rule
             determines all observations of a unit or none.
-        sizes: Numbers of distinct values of the first and of the second variable.
+        sizes: Number of distinct values of the first variable, and of the second.
         within: Whether the first variable's values are permuted within units instead of between units.
         null: (PERMUTATIONS,) mutual information of each permutation [bit].
         expected: Mutual information expected by chance [bit].
@@ -207,7 +208,7 @@ class Planted:
         Args:
             share: Fraction of the units that the rule determines.
             threshold: Mutual information above which a test is significant [bit].
-            counts: Criterion by which a significant association is reported.
+            counts: Criterion for reporting a significant association.
             draw: Random generator.
         """
         replicates = 1 if share >= 1.0 else REPLICATES
@@ -294,16 +295,16 @@ def _best_order(
     y: _Ints,
     sizes: tuple[int, int],
 ) -> tuple[float, _Ints]:
-    """Assign sorted values of the first variable to sorted outcomes so that the mutual information is largest.
+    """Assign sorted values of the first variable to sorted outcomes so that the mutual information is maximized.
 
-    The outcomes are sorted by frequency. Several of the most frequent outcomes are tried as the first in this order.
+    The outcomes are sorted by frequency. Several of the most frequent outcomes are tried in the first position.
 
     Args:
         x: (units,) sorted values of the first variable.
         outcomes: Outcomes of each unit.
-        spread: Function that repeats one value per unit for each observation.
+        spread: Function that expands an array with one value per unit to one value per observation.
         y: (n,) outcome of each observation.
-        sizes: Numbers of distinct values of the first and of the second variable.
+        sizes: Number of distinct values of the first variable, and of the second.
 
     Returns:
         Mutual information [bit], and the value of the first variable in each observation.

@@ -36,7 +36,7 @@ def is_spaced(word: str) -> bool:
 
 
 def shown_as(words: Iterable[str], text: str) -> str:
-    """Return a readable text for words that always occur together, in the order in which an instruction contains them.
+    """Return a readable text for words that always occur together, in the order in which they appear in an instruction.
 
     Runs of characters are shown in their shortest form, and overlapping runs are merged.
 
@@ -63,11 +63,11 @@ def shown_as(words: Iterable[str], text: str) -> str:
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
     """Remove runs of characters that span the border between two words, since they add no information.
 
-    Such a run occurs in exactly the texts that contain both its beginning and its end, while the beginning and the end
-    each occur in further texts.
+    Such a run occurs in all texts that contain both its beginning and its end, and in no others. The beginning and the
+    end also occur separately, in other texts.
 
     Args:
-        where: For each word, an integer whose bits tell which texts contain the word.
+        where: For each word, a bit mask of the texts that contain the word.
     """
 
     def joins(word: str) -> bool:
@@ -225,7 +225,7 @@ def names_a_place(words: Iterable[str]) -> bool:
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return the wanted words that a text contains, in the order of the text, joined into one string."""
+    """Return those of the wanted words that occur in a text, in order of occurrence, joined into one string."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()
@@ -235,13 +235,13 @@ def in_order(text: str, wanted: Iterable[str]) -> str:
 
 
 def places_named(text: str) -> str:
-    """Return the words for places that a text contains, in the order of the text, joined into one string."""
+    """Return the words in a text that name places, in order of occurrence, joined into one string."""
     return in_order(text, _PLACES)
 
 
 @functools.lru_cache(maxsize=4096)
 def _runs(text: str) -> tuple[tuple[str, bool], ...]:
-    """Split a text into runs. Each run has a boolean that tells whether its script separates words by spaces."""
+    """Split a text into runs. Return each run with a boolean that is True if its script separates words by spaces."""
     plain = unicodedata.normalize("NFKC", text)
     # NFKC decomposes the Thai and Lao vowel "am" into two characters; restore the single character.
     whole = plain.replace("\u0e4d\u0e32", "\u0e33").replace("\u0ecd\u0eb2", "\u0eb3")

@@ -215,9 +215,9 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often :meth:`hold_from` was called, and the target of the robot's tool in the last call.
+        """Return the number of calls of :meth:`hold_from`, and the target of the robot's tool at the last call.
 
-        The target is None before the first call.
+        Before the first call, the target is None.
         """
         with self._lock:
             return self._grip, self._tool

@@ -1,7 +1,7 @@
-"""Gamepads and SpaceMice that are connected to the machine on which betterbench runs, read from the Linux kernel.
+"""Gamepads and SpaceMice that are connected to the machine on which betterbench runs.
 
-Devices that are connected to the operator's own computer are read by the browser page. This module implements the Linux
-input protocol (``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
+Devices that are connected to the operator's own computer are read by the browser page instead. This module implements
+the Linux input protocol (``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
     Args:
         kind: Kind of the arm.
         options: Options of the configuration, including ``id``.
-        what: Beginning of the error message if lerobot is not installed.
+        what: Text at the beginning of the error message if lerobot is not installed.
         cameras: Options of lerobot's OpenCV cameras by camera name, for a robot.
 
     Raises:
@@ -192,11 +192,10 @@ def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
 
 
 def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
-    """Discard data in the serial port that have not been read. Call this before each request.
+    """Discard unread data in the serial port. Call this before each request.
 
-    The answer of a motor does not tell to which request it belongs. A late answer would be taken for the answer to the
-    next request, and all following answers would be shifted by one. Motor loads could then be read as positions, for
-    example.
+    A motor's reply does not say which request it answers. A late reply would be taken for the reply to the next
+    request, and all later replies would be off by one. Motor loads could then be mistaken for positions, for example.
     """
     port = bus.port_handler
     port.is_using = False  # remains set after a request that raised an error, and would block all later requests

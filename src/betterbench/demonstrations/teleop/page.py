@@ -47,12 +47,12 @@ class PanelState:
         status: State of the episode, in a few words.
         tone: Color of the status: "go", "wait", "good" or "bad".
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
-        said: The most recent messages, the newest last.
-        undo_to: Name of the moment to which an undo would return.
+        said: The most recent messages, in order of time.
+        undo_to: Name of the moment that an undo would return to.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Text with the height of the tool above the table; "" if no episode is loaded.
-        images: Note that the camera images are late; "" if they are in time.
+        images: Text that says how late the camera images are; "" if they are up to date.
     """
 
     title: str

@@ -1,11 +1,11 @@
 """Teleoperated episode.
 
-It turns the operator's commands into states of the scene, and does not depend on the clock, the browser or the input
-devices.
+A session turns the operator's commands into states of the scene. It does not depend on the clock, the browser or the
+input devices.
 
-Commands use the same action space as policies, so the record has the same format as that of any other episode. The
-session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the last of
-these moments and removes all later steps from the record.
+Commands are in the same action space as the actions of policies, so the record has the same format as that of any other
+episode. The session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the
+last of these moments and removes all later steps from the record.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: number of rows in the record, and complete state of scene and steering."""
+    """Moment that an undo can return to: number of rows in the record, and complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -130,7 +130,7 @@ class TeleopSession:
 
     @property
     def undo_to(self) -> str:
-        """Name of the moment to which an undo would return, such as "the start" or "place_mug"."""
+        """Name of the moment that an undo would return to, such as "the start" or "place_mug"."""
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:

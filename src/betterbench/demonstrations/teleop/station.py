@@ -1,8 +1,8 @@
 """Teleoperation loop: reads the input, steps the session and shows the result at the control rate.
 
 The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and all objects
-are at rest. No rows are recorded during a pause, so the demonstration does not contain the time in which the operator
-thinks.
+are at rest. No rows are recorded during a pause, so the time in which the operator thinks is not part of the
+demonstration.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Display(Protocol):
 
 
 class Station:
-    """Teleoperation by one operator, whose demonstrations are saved in one store."""
+    """Teleoperation by one operator. The demonstrations are saved in one store."""
 
     def __init__(
         self,
@@ -276,7 +276,7 @@ class Station:
         self._display.show_scene(body_files(session.scene.model))
 
     def _let_go(self, session: TeleopSession) -> None:
-        """After the state has changed, e.g. by an undo, discard the operator's target and reset the gripper command.
+        """Discard the operator's target after the state has changed, e.g. by an undo.
 
         The gripper command is set to that of the new state.
         """
@@ -328,7 +328,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return a note that the camera images are late, or "" if they are in time."""
+        """Return a text that says how late the camera images are. Return "" if they are up to date."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

@@ -25,7 +25,7 @@ IN_THE_TABLE = "below the table: the fingers stop above it"
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Limits on the poses to which the tool of a robot may be sent.
+    """Limits on the target poses of a robot's tool.
 
     Attributes:
         limits: Limits of the robot's workspace.
@@ -43,7 +43,7 @@ class Reach:
     def within(self, wanted: Pose) -> tuple[Pose, str]:
         """Return the pose within the limits that is nearest to the wanted pose.
 
-        The second returned value is the reason why the two poses differ, or "" if they are equal.
+        Also return the reason why the two poses differ, or "" if they are equal.
         """
         position, why, limits = np.array(wanted.position), "", self.limits
         if position[2] < self.lowest_m:
@@ -78,8 +78,8 @@ class Steering:
         """Return the next steering state, and the action that moves the commanded pose toward a target.
 
         The action is in the ``ee_delta`` action space, as an array of shape (7,). Translation and rotation reach the
-        target at the same time. The speed changes with the acceleration of the expert's free motion. A moving target is
-        followed without delay, since the limits apply only to the speed of the commanded pose.
+        target at the same time. The tool speeds up and brakes with the same acceleration as the expert in free motion.
+        A moving target is followed without delay, since the limits apply only to the speed of the commanded pose.
 
         Args:
             now: Commanded pose.
@@ -106,5 +106,5 @@ def is_finite(pose: Pose) -> bool:
 
 
 def unit(pose: Pose) -> Pose:
-    """Return a pose whose quaternion is normalized, with w >= 0. Use it for poses from outside this program."""
+    """Normalize the quaternion of a pose, with w >= 0. Use this function for poses from outside this program."""
     return Pose(pose.position, normalize(pose.quaternion))

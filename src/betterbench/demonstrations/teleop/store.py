@@ -62,7 +62,7 @@ class TeleopPlan:
         """
         tasks = [get_task(name) for name in dict.fromkeys(self.tasks)]
         if not tasks:
-            raise InvalidInputError("--tasks", "no task is given", "Name at least one task (see better list tasks)")
+            raise InvalidInputError("--tasks", "no task is given", "Name at least one task (see `better list tasks`)")
         if self.condition is not None:
             for task in tasks:
                 task.train(self.condition)

@@ -1,7 +1,7 @@
 """Success rates and gaps of groups of learners, and differences between two groups on the trials that both ran.
 
-A learner is a policy that the study trains. An arm is a mixture of training distributions from which its demonstrations
-come.
+A learner is a policy that the study trains. An arm is a mixture of training distributions. The demonstrations for its
+learners come from these distributions.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def success_of(trials: Iterable[TrialOutcome]) -> Figure:
 
 
 def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> Difference:
-    """Return the illusion gap of learners over pairs of a variation trial and its training twin.
+    """Return the illusion gap of learners, computed over pairs of a variation trial and its training twin.
 
     The interval accounts for variations that share the same training trial.
 
@@ -92,7 +92,7 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Convert a difference over ``n`` pairs to a Figure. If there are no pairs, the value and the interval are None."""
+    """Convert a difference over ``n`` pairs to a Figure. Without pairs, the value and the interval are None."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 
@@ -163,9 +163,10 @@ def _mean_success(learner: LearnerOutcome) -> float:
 
 
 def _mean_gap(learner: LearnerOutcome) -> float | None:
-    """Return the illusion gap of one learner, without an interval.
+    """Return the illusion gap of one learner as a plain number, without a confidence interval.
 
-    Return None if the learner has no pairs of trials.
+    The illusion gap is the success rate on the training twins (the training trials with the same seeds) minus the
+    success rate on the variations. Return None if the learner has no pairs of trials.
     """
     pairs = learner.pairs()
     return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None

@@ -27,7 +27,7 @@ PLANTED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class DoseFinding:
-    """Results of learners whose demonstrations have confounds at a given dose.
+    """Results of learners that were trained on demonstrations with confounds at a given dose.
 
     Attributes:
         dose: Fraction of the demonstrations that have the confounds.

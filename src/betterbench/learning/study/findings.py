@@ -1,4 +1,4 @@
-"""Findings of a study: success rates, gaps and their causes, accuracy of the audit, and use of the instruction."""
+"""Findings of a study: success rates, illusion gaps and their causes, accuracy of the audit, use of the instruction."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class VariationFinding:
         validity: Fraction of the confounded learners' gap that balancing the training data removes; None if there is no
             significant gap.
         verdict: Verdict on why learners fail the variation.
-        labels: Failure labels of the confounded learners with their counts, most frequent first.
+        labels: Failure labels of the confounded learners with their counts, starting with the most frequent.
     """
 
     task: str
@@ -95,7 +95,7 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on variations whose words, categories and colors all occur in the training data of every learner.
+    """Results on variations in which all words, categories and colors also occur in the training data of every learner.
 
     Attributes:
         variations: Number of these variations.
@@ -239,7 +239,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on variations whose words and objects all occur in the training data of both arms."""
+    """Return the results on variations in which all words and objects also occur in the training data of both arms."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -336,7 +336,7 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials. Return None if the data do not allow a decision."""
+    """Return whether learners solve more than half of the trials. Return None if the data are not conclusive."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None
@@ -367,7 +367,7 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 def reworded(task: str) -> tuple[str, ...]:
     """Return the variations that differ from their training condition only in the instruction.
 
-    The instruction of such a variation asks for another object to be handled first.
+    The instruction of such a variation names a different object to be handled first.
     """
     found = []
     for variation in get_task(task).variations:
@@ -396,7 +396,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Score the prediction by its ranking of the variations and by its labels for the failed trials."""
+    """Score a prediction: how well it ranks the variations, and how often it predicts the labels of failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

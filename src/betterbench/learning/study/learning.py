@@ -1,4 +1,4 @@
-"""Training of a study's learners, either a single learner in this process or several learners in parallel processes.
+"""Train the learners of a study: a single learner in this process, or several learners in parallel processes.
 
 The networks are small, so training a learner occupies a single CPU core. On two cores, training two learners in
 parallel takes as long as training one.
@@ -53,7 +53,7 @@ class TrainedPolicy:
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
         """Return the policy that was trained by a recipe.
 
-        The policy is evaluated with the camera views with which it was trained.
+        The policy is evaluated with the same camera views as in training.
         """
         if recipe.sees != "pixels":
             return cls(address, digest)
@@ -130,8 +130,8 @@ def _listen(learner: _Learner) -> None:
     except (EOFError, OSError):
         how = learner.end(_STOP_S)
         raise TrainingError(
-            f"the process that trained {learner.job.out.name} has ended ({how}). Its saved state is kept. Run the "
-            f"same command again, with fewer --workers if the memory was full."
+            f"the process that trained {learner.job.out.name} has ended ({how}). Its saved state is kept. "
+            f"Running the command again resumes the training. If the memory was full, use fewer --workers."
         ) from None
     if isinstance(said, BaseException):
         raise said

@@ -1,4 +1,4 @@
-"""Effects of recipe changes (levers), for each axis and overall, in the layout of the paper's Table 3."""
+"""Effects of recipe changes (levers), for each axis and overall, in the layout of Table 3 of the BeTTER paper."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ class LeverRow:
     Attributes:
         found: Results over all tasks of these learners.
         axes: Success rate on the variations of each axis, by axis name.
-        against: Difference from the learners that they are compared with, over trials with the same tasks and training
-            seeds; None for the unchanged recipe.
-        start: Arm whose learners provide the initial weights, so that these learners have also seen the demonstrations
-            of that arm; None if the initial weights are random.
-        compared: Recipe change of the learners that they are compared with; None if those learners have the unchanged
-            recipe.
+        against: Difference from the comparison learners, which have the same tasks and training seeds; None for the
+            unchanged recipe.
+        start: Arm that provides the initial weights, so that these learners have also seen its demonstrations; None if
+            the initial weights are random.
+        compared: Recipe change of the comparison learners; None if they have the unchanged recipe.
     """
 
     found: ArmFinding
@@ -52,7 +51,7 @@ class LeverTable:
 
 
 def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
-    """Yield one table for each arm and set of tasks with recipe changes, in the order of the plan."""
+    """Yield one table for each combination of arm and tasks that has recipe changes, in the order of the plan."""
     groups: dict[tuple[str, tuple[str, ...]], list[Lever]] = {}
     for lever in plan.levers:
         for arm in lever.arms or tuple(plan.arms):

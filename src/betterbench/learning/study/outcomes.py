@@ -1,4 +1,4 @@
-"""Outcomes of the learners' trials, from which the findings of a study are computed."""
+"""Outcomes of the learners' trials. The findings of a study are computed from them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """Training condition and seed, which a variation trial shares with its training trial."""
+        """Training condition and seed. They are the same for a variation trial and its training trial."""
         return self.condition, self.seed
 
 

@@ -70,7 +70,7 @@ class Expectation:
 
     Attributes:
         expected: The expectation, as a sentence.
-        found: The result, as a text.
+        found: The result in words.
         held: Whether the expectation was met; None if the result is inconclusive or was not measured.
     """
 
@@ -82,8 +82,8 @@ class Expectation:
 def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
     """Write the page, the JSON file and the CSV files of a study into its folder, and return the findings.
 
-    The JSON and CSV files contain the measurements, and their bytes do not depend on interruptions. The page also
-    reports how long the stages took.
+    The JSON and CSV files contain the measurements, and are byte-for-byte the same whether or not the study was
+    interrupted. The page also reports how long the stages took.
 
     Raises:
         RecordError: If a prediction was changed after it was written.
@@ -108,7 +108,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
 
 
 def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
-    """Return all findings as a JSON document. Interruptions of the study do not change it."""
+    """Return all findings as a JSON document. It does not depend on whether the study was interrupted."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
         "betterbench": __version__,
@@ -299,7 +299,7 @@ def _area_text(area: Figure, failed: int) -> str:
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return all numbers on the page as one long table of fractions. The table is empty if there are none."""
+    """Return all numbers on the page as one table with one number per row. Rates are fractions."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:

@@ -54,7 +54,7 @@ class Lever:
     """Change to the training recipe. Learners with the change are compared with learners without it.
 
     Attributes:
-        name: Name in files and tables.
+        name: Name that is used in file names and tables.
         changes: Changed fields of the recipe.
         arms: Arms that are trained with this change; empty for all arms.
         tasks: Tasks that are trained with this change; empty for all tasks.
@@ -87,7 +87,7 @@ class PlannedLearner:
 
     @property
     def name(self) -> str:
-        """Name of the learner in files."""
+        """Name of the learner, which is used for files and folders."""
         return "-".join(part for part in (self.task, self.arm, self.lever, f"seed{self.seed}") if part)
 
 
@@ -107,13 +107,13 @@ class StudyPlan:
         seeds: Training seeds. Each combination of task and arm is trained with each seed.
         demos: Demonstrations per training condition. Other training distributions divide the same total among their own
             conditions.
-        sources: Number of expert demonstrations from which the others are generated; 0 if the expert makes all
+        sources: Number of expert demonstrations that are used to generate the others; 0 if the expert makes all
             demonstrations.
         noise: Noise on the executed actions of generated demonstrations, in action units.
-        trials: Number of trials of each learner per variation. The learner has the same number of trials in its
-            training conditions taken together.
+        trials: Number of trials of each learner per variation. All training conditions together get the same number of
+            trials.
         recipe: Fields of the training recipe that differ from the defaults.
-        levers: Changes to the recipe, each of which is applied separately.
+        levers: Changes to the recipe. Each of them is applied separately.
     """
 
     tasks: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -272,9 +272,9 @@ class StudyPlan:
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm with a role. A role, such as "balanced", stands for certain training distributions.
+        """Return the first arm with a role, such as "balanced". Return None if no arm has the role.
 
-        Return None if no arm has the role.
+        A role stands for certain training distributions.
         """
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
@@ -325,7 +325,7 @@ class StudyPlan:
 
 
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return the recipe's field ``co_training`` with the addition of the question sets that the study makes."""
+    """Return the recipe's field ``co_training``, extended by the question sets that the study makes."""
     if not isinstance(given, dict):
         raise InvalidInputError(where, "this is not a mapping", "Write {weight: 0.25}, or leave out the field")
     if "sets" in given:

@@ -29,16 +29,16 @@ QUESTIONS = SetOptions(cameras=("front",), quality="fast")
 
 @dataclass(frozen=True, slots=True)
 class Workshop:
-    """Functions that do the work of a study. Each of them resumes where it stopped.
+    """Functions that do the work of a study. If one of them was interrupted, calling it again resumes the work.
 
     Attributes:
-        make_set: Makes the demonstration set of a recipe in a folder, and returns its hash.
+        make_set: Makes a demonstration set according to a recipe, writes it into a folder, and returns its hash.
         require_questions: Raises an error if the question sets of a recipe are about other demonstrations.
-        ask: Makes approximately the given number of questions about a set's demonstrations in a folder, and returns
+        ask: Writes approximately the given number of questions about a demonstration set into a folder, and returns
             their hash.
         train: Trains learners, several of them in parallel.
-        evaluate: Evaluates a policy on a task in a folder, with the given number of trials per variation, and diagnoses
-            the trials. Raises an error if the weights do not match their digest.
+        evaluate: Evaluates a policy on a task, with the given number of trials per variation, writes the run into a
+            folder, and diagnoses the trials. Raises an error if the weights do not match their digest.
         threads: Total number of threads for learners that are trained in parallel.
         require_set: Raises an error if the demonstration set in a folder does not match a hash.
     """

@@ -1,4 +1,4 @@
-"""Adapter with which ``better vlm`` asks a co-trained learner about recorded frames.
+"""Adapter for asking a co-trained learner about recorded frames with ``better vlm``.
 
 A co-trained learner is a policy that was also trained to answer questions. It must belong to the family ``objects``.
 Instead of the image that a question is about, it receives the recorded state of that frame (see
@@ -28,11 +28,11 @@ _KEPT_RECORDS = 8
 
 
 class LearnerModel:
-    """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
+    """Learner that answers the questions in one question set; see :class:`~betterbench.vqa.llm.Model`.
 
-    A model receives only an image and a prompt, so the question and its recorded state are looked up by these. If two
-    options lie in the same cell of the image, the learner cannot tell them apart. One of the two is then chosen by a
-    hash of the question, which is correct in half of the cases.
+    A model receives only an image and a prompt. They are used to look up the question and the recorded state that it is
+    about. If two options lie in the same cell of the image, the learner cannot tell them apart. A hash of the question
+    then picks one of the two, so that the answer is right in about half of these cases.
     """
 
     def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
@@ -53,7 +53,7 @@ class LearnerModel:
         other = next((q.source.trial for q in asked.questions if str(q.source.trial) not in planned), None)
         if other is not None:
             problem = f"{run.path} has no trial {other}, but {asked.path} has questions about it"
-            raise InvalidInputError("--records", problem, "Use the run from which better vqa made the set")
+            raise InvalidInputError("--records", problem, "Use the run from which `better vqa` made the set")
         self.name = name
         self._learner = learner
         self._number = {answer: i for i, answer in enumerate(learner.trained.vocabulary.answers)}
@@ -69,7 +69,7 @@ class LearnerModel:
         self._record = record
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
-        """Return the answer to a question of the set, in the form that its prompt requests.
+        """Return the answer to a question of the set, in the format that its prompt requests.
 
         Raises:
             RefusedError: If the set does not contain the question, or none of its possible answers occurred in
@@ -94,7 +94,7 @@ def _digest(picture: bytes) -> str:
 
 
 def _possible(question: Question) -> list[tuple[str, str]]:
-    """Return the possible answers to a question, each as the text to reply and the learner's answer class."""
+    """Return the possible answers to a question, as pairs of the reply and the learner's answer class."""
     if question.form is Form.CHOICE:
         return [(letter(i), option_class(text, question.width)) for i, text in enumerate(question.options)]
     if question.form is Form.YES_NO:

@@ -14,7 +14,7 @@ from betterbench.policies.learned.recipe import TrainingRecipe
 
 
 class Batches:
-    """Sampler of batches from a training set, whose frames are stored as tensors on a device."""
+    """Sampler of batches from a training set. The frames are stored as tensors on a device."""
 
     def __init__(self, data: TrainingSet, recipe: TrainingRecipe, device: str) -> None:
         self._recipe = recipe
@@ -150,7 +150,8 @@ def _stream(seed: int, step: int, what: int) -> np.random.Generator:
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
     """Return indices of the frames around gripper changes, repeated as often as their weight in the recipe requires.
 
-    If the weight is not an integer, some of these frames, spread evenly, are repeated once more than the others.
+    If the weight is not an integer, some of these frames are repeated once more than the others. They are evenly
+    spread.
     """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0

@@ -1,4 +1,4 @@
-"""Logs of a training run: tables as CSV, and curves as SVG. Interruptions do not change the CSV files."""
+"""Logs of a training run: tables as CSV, and curves as SVG. Interrupting the run does not change the CSV files."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class TrainingSet:
         first: (E,) int64 index of each episode's first frame.
         last: (E,) int64 index of each episode's last frame.
         phases: (F,) int64 indices into :data:`PHASES`.
-        at_gripper: (F,) bool mask of the frames whose action chunk contains a gripper change.
+        at_gripper: (F,) bool mask of the frames with an action chunk that contains a gripper change.
         shown: (F,) bool mask of the frames that are used as observations; other frames only occur in action chunks.
             None if all frames are used.
         frames_of: Images of the frames in ``shown``, in order. None for the family ``objects``.
@@ -223,12 +223,14 @@ def _frames_beside(place: str) -> Path:
 
 
 def _opened(place: str) -> RunFolder:
-    """Open the run at a path that the recipe names."""
+    """Open the run at a path that the recipe contains."""
     folder = run_folder(Path(place))
     if not place or not (folder / "run.json").is_file():
         problem = f"{place!r} contains no demonstrations"
         raise InvalidInputError(
-            "data", problem, "Use folders of better dataset, or runs of better collect, amplify or teleop"
+            "data",
+            problem,
+            "Use folders of `better dataset`, or runs of `better collect`, `amplify` or `teleop`",
         )
     return RunFolder.open(folder)
 
@@ -381,7 +383,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return an (n,) bool mask of the frames whose action chunk contains a gripper change."""
+    """Return an (n,) bool mask of the frames with an action chunk that contains a gripper change."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True

@@ -116,7 +116,7 @@ def train(
     device: str = "cpu",
     on_progress: OnTraining | None = None,
 ) -> TrainingResult:
-    """Train a policy by a recipe, or resume an interrupted training run.
+    """Train a policy according to a recipe, or resume an interrupted training run.
 
     On the same machine and with the same numbers of threads and processes, the weights are bit-identical with and
     without interruptions.
@@ -346,7 +346,7 @@ class _Training:
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
     def _save(self) -> None:
-        """Write the tables, and then the state from which training can be resumed."""
+        """Write the tables, and then the state for resuming the training."""
         if self._world.rank:
             return
         self._log.write(self._out)

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 def _require(options: ModelOptions) -> None:
     if not options.own_set:
-        cure = "Use a question set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
+        cure = "Use a question set of `better vqa`: `better vlm --data SET --records RUN --model learned:CHECKPOINT`"
         raise InvalidInputError("--model", "a learner can only answer questions about recorded trials", cure)
-    needed = (("--data", options.data, "set of better vqa"), ("--records", options.records, "run of that set"))
+    needed = (("--data", options.data, "set of `better vqa`"), ("--records", options.records, "run of that set"))
     for option, path, what in needed:
         if path is None:
             raise InvalidInputError(

@@ -42,9 +42,9 @@ class OwnAnswer:
     Attributes:
         trial: Task, condition and seed.
         where: Task with the name of the variation or of the training condition.
-        label: Label that the diagnosis gave to the trial.
+        label: Label that was assigned to the trial by the diagnosis.
         success: Whether the trial succeeded.
-        object: Name of the object that the instruction names.
+        object: Name of the object that is mentioned in the instruction.
         row: Row of the record.
         question: Question that the learner was asked.
         cell: Correct answer: "column,row" in a grid of 8 x 8 cells over the image.
@@ -184,7 +184,7 @@ def answer_scores(learner: Learner, record: Record, row: int, question: Question
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
     """Yield the rates for each condition, and then those for all answers ("all").
 
-    The conditions are in the order in which the answers contain them.
+    The conditions come in the order in which they first occur among the answers.
     """
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:

@@ -1,4 +1,4 @@
-"""Questions about the frames of demonstrations, which a policy learns to answer in addition to acting (co-training).
+"""Co-training: in addition to acting, a policy learns to answer questions about the frames of demonstrations.
 
 The policy chooses among all answers that occur in its training questions. The image is divided into a grid of 8 x 8
 cells. An answer that is a box or a point is represented by the cell that contains its center. The baselines of the
@@ -26,7 +26,7 @@ from betterbench.vqa import Question, QuestionSet, read_set
 from betterbench.vqa.blind import answer_class, box_cell, in_cells
 from betterbench.vqa.types.grounding import CELLS
 
-_CURE = "Create a set with better vqa from the demonstrations listed in the recipe"
+_CURE = "Create a set with `better vqa` from the demonstrations listed in the recipe"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class TrainingQuestions:
     Attributes:
         words: (Q, w) int64 words of the question; ABSENT after the last word.
         episodes: (Q,) int64 index of the demonstration that each question is about.
-        tools: (Q, history, 10) float32 tool pose and gripper opening, the current state first.
+        tools: (Q, history, 10) float32 tool pose and gripper opening, starting with the current state.
         poses: (Q, n, 9) float32 object poses.
         answers: (Q,) int64 indices of the correct answers in the vocabulary; -1 for an answer that does not occur in
             training.
@@ -116,10 +116,10 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
 
     Args:
         recipe: The recipe.
-        records: Trial and SHA-256 of each demonstration, by which the questions are matched.
+        records: Trial and SHA-256 of each demonstration, used to match the questions.
 
     Raises:
-        RecordError: If a folder contains no complete question set, or a damaged one.
+        RecordError: If a folder contains no complete question set, or the question set is damaged.
         InvalidInputError: If a set is about evaluation trials, or about none of the demonstrations.
     """
     if recipe.co_training is None:

@@ -28,7 +28,7 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Error of a policy's next actions compared with those of the demonstrator, over the frames of one phase.
+    """Difference between the next actions of a policy and those of the demonstrator, over the frames of one phase.
 
     Attributes:
         step: Training step.
@@ -127,7 +127,7 @@ def _mean(step: int, phase: str, errors: np.ndarray) -> PhaseError:
 def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
     """Return held-out trials for rollouts.
 
-    Successive trials are of different conditions, so as many conditions as possible are covered.
+    Successive trials belong to different conditions, so that as many conditions as possible are covered.
     """
     left: dict[tuple[str, str], list[TrialId]] = {}
     for i in np.flatnonzero(data.held_out):

@@ -1,4 +1,4 @@
-"""Charts of a report. Each number is shown with its count and its interval."""
+"""Charts of a report. Each rate is shown with its counts and its confidence interval."""
 
 from __future__ import annotations
 
@@ -162,7 +162,9 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of the training twins (the training trials with the same seeds), one per pair.
+    """Return the success rate of the training twins (the training trials with the same seeds).
+
+    A training trial is counted once for each pair that it belongs to.
 
     The illusion gap is this rate minus the success rate of the variations.
 

@@ -162,7 +162,7 @@ def file_style(figure_css: str, page_css: str) -> str:
 
 
 def reading(figure: Figure) -> str:
-    """Format a number with its count and interval, for the margin of a chart, e.g. "62 % · 149/240 · 56 to 68"."""
+    """Format a rate with its counts and interval, for the margin of a chart, e.g. "62 % · 149/240 · 56 to 68"."""
     if figure.missing:
         return figure.count() or "not measured"
     number = figure.number() if figure.difference else figure.with_unit()

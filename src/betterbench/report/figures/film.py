@@ -1,4 +1,4 @@
-"""Films: a few frames of a trial and of its training twin, which the report shows next to the evidence.
+"""Film strips: a few frames of a trial and of its training twin, which the report shows next to the evidence.
 
 The training twin of a variation trial is the training trial with the same seed.
 """
@@ -30,13 +30,13 @@ _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2
 
 
 def film_key(policy: str, trial: str) -> str:
-    """Return the key that identifies the film of a trial ("fast_food/T1/3") among the films of several policies."""
+    """Return the key that identifies the film strip of a trial ("fast_food/T1/3") among those of several policies."""
     return f"{policy} {trial}"
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a film: the simulated time [s], a JPEG or PNG file, and an optional caption."""
+    """One image of a film strip: the simulated time [s], a JPEG or PNG file, and an optional caption."""
 
     time_s: float
     image: bytes
@@ -56,10 +56,11 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """Frames of a trial ("fast_food/T1/3") and of its training twin, i.e. the training trial with the same seed.
+    """Film strip: frames of a trial ("fast_food/T1/3") and of its training twin.
 
-    ``evidence_s`` is the beginning and the end of the evidence [s]. Frames within this interval are marked. ``clip`` is
-    a video of both episodes side by side (H.264 in MP4). Browsers that cannot play the video show the frames.
+    The training twin is the training trial with the same seed. ``evidence_s`` is the beginning and the end of the
+    evidence for the diagnosis [s]. Frames within this interval are marked. ``clip`` is a video of both episodes side by
+    side (H.264 in MP4). Browsers that cannot play the video show the frames.
     """
 
     policy: str
@@ -72,13 +73,13 @@ class Film:
 
     @property
     def key(self) -> str:
-        """Key of this film among the films of several policies."""
+        """Key that identifies this film strip among those of several policies."""
         return film_key(self.policy, self.trial)
 
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """Trial to show as a film, with the times to render [s] in increasing order and their captions.
+    """Trial to show as a film strip, with the times to render [s] in increasing order and their captions.
 
     ``twin`` is the training trial with the same seed; None if the run has no record of it. ``evidence_s`` is the
     beginning and the end of the evidence [s].
@@ -95,18 +96,17 @@ class Showing:
 
     @property
     def key(self) -> str:
-        """Key of the film among the films of several policies."""
+        """Key that identifies the film strip among those of several policies."""
         return film_key(self.policy, self.trial)
 
 
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
-    """Return at most ``limit`` representative trials with the times to render, the most informative trials first.
+    """Return at most ``limit`` representative trials with the times to render, starting with the most informative.
 
-    Every kind of failure of every variation is shown once before any of them is shown a second time. Each combination
-    of variation and label is represented by the trial whose evidence begins at the median time, preferably by a trial
-    whose training twin (the training trial with the same seed) succeeded. With ``repeats``, further trials of these
-    combinations follow. Reasoning failures come first, then execution failures, then solved trials. Within each of
-    these groups, the most frequent combinations come first. Trials without a record are left out.
+    The trials are grouped by variation and label. One representative trial of each group is returned, see
+    :func:`_representative_first`. With ``repeats``, the second trial of each group follows, then the third, and so on.
+    Groups of reasoning failures come first, then execution failures, then solved trials. Larger groups come before
+    smaller groups of the same kind. Trials without a record are left out.
     """
     if limit < 0:
         raise InvalidInputError("limit", f"{limit} is negative", "Use a number of at least 0")
@@ -134,10 +134,10 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
     """Sort trials so that the most representative trial comes first.
 
-    The training twin of a trial is the training trial with the same seed. Trials whose training twin succeeded are
-    preferred to trials whose training twin failed, and both are preferred to trials without a training twin. Among the
-    most preferred trials, the trial whose evidence begins at the median time comes first. All other trials are sorted
-    by this preference and then by seed.
+    The training twin of a trial is the training trial with the same seed. A trial ranks highest if its training twin
+    succeeded, lower if the training twin failed, and lowest if there is no training twin. Among the trials with the
+    highest rank, the one in which the evidence for the label begins at the median time comes first. All other trials
+    are sorted by rank and then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
@@ -180,12 +180,12 @@ def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, floa
 
     The training twin is the training trial with the same seed.
 
-    The interval is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, and
-    the evidence is about the n-th object that the policy attempted to grasp in the trial, the interval is the grasp of
-    the n-th object in the twin.
+    The interval is the twin's grasp of the object that the policy should have tried to grasp in the trial. If the twin
+    has no such grasp, the grasp attempts are counted instead: if the evidence is about the n-th object in the trial,
+    the interval is the grasp of the n-th object in the twin.
 
     Returns:
-        Start and end of the interval, duration of the twin [s], and caption.
+        Start and end of the interval [s], duration of the twin [s], and caption.
     """
     if not twin.attempts:
         return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"

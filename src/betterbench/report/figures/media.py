@@ -1,4 +1,4 @@
-"""Media of a report: films, initial images with paths, thumbnails, and commands that replay a trial."""
+"""Media of a report: film strips, initial images with paths, thumbnails, and commands that replay a trial."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and run folders for a report. The page leaves out parts for which they are missing.
+    """Images and run folders for a report. If any of them are missing, the page leaves out the parts that need them.
 
     Attributes:
-        films: Films by :func:`~betterbench.report.figures.film.film_key`.
+        films: Film strips by :func:`~betterbench.report.figures.film.film_key`.
         paths: Images of the initial state with the path of the end effector (JPEG), by the same keys.
         thumbnails: Initial scenes by variation ("fast_food/T1").
-        folders: Run folder of each policy as the user wrote it, for commands.
+        folders: Run folder of each policy as the user wrote it, for use in commands.
         options: Further options for these commands, such as " --task-file mine.py".
     """
 

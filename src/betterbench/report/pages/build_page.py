@@ -47,9 +47,9 @@ def write_build_page(
 
 
 def powerless_of(task: str, power: PowerMatrix | None) -> Sequence[str]:
-    """Return the variations of a task that do not reveal any fault.
+    """Return the control variations of a task, which do not reveal any fault.
 
-    Every faulty rule in the power matrix solves them.
+    According to the power matrix, even policies that lack the tested ability solve them.
     """
     if power is None:
         return ()

@@ -1,4 +1,4 @@
-"""Pictures in the cells of the diagnostic matrices: a frame of a film or, if there is none, the initial scene."""
+"""Pictures in the cells of the diagnostic matrices: a frame of a film strip or, if there is none, the initial scene."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CellName = tuple[str, str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class ShownFilm:
-    """Film on the page: its index, the film, and its trial."""
+    """Film strip on the page, with its index and its trial."""
 
     number: int
     film: Film
@@ -29,9 +29,9 @@ class CellPicture:
     """Picture in a cell of a diagnostic matrix.
 
     Attributes:
-        frame: The picture: the main frame of a film, or the initial scene.
+        frame: The picture: the main frame of a film strip, or the initial scene.
         text: Alternative text of the picture.
-        film: Index of the film on the page; None for a scene.
+        film: Index of the film strip on the page; None for a scene.
     """
 
     frame: Frame
@@ -40,9 +40,9 @@ class CellPicture:
 
 
 def cell_pictures(matrices: Iterable[Matrix], films: Sequence[ShownFilm], media: Media) -> dict[CellName, CellPicture]:
-    """Return the pictures of the cells. A cell has no picture if there is neither a film nor a scene for it.
+    """Return the pictures of the cells. A cell has no picture if there is neither a film strip nor a scene for it.
 
-    A film with the most frequent outcome in the cell is preferred to other films.
+    A film strip with the most frequent outcome in the cell is preferred to other film strips.
     """
     found = {}
     for matrix in matrices:

@@ -41,7 +41,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class RefusalGroup:
-    """Rejected scenarios whose first attempt failed for the same reason.
+    """Rejected scenarios that failed for the same reason at the first attempt.
 
     Attributes:
         title: The reason.
@@ -58,7 +58,7 @@ class Cure:
 
     Attributes:
         change: The change.
-        tried: Number of scenarios with which the change was tried.
+        tried: Number of scenarios for which the change was tried.
         helped: Number of scenarios that were certified with this change.
     """
 

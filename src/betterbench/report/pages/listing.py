@@ -23,7 +23,7 @@ class StringTable:
         self._numbers: dict[str, int] = {}
 
     def __getitem__(self, text: str | None) -> int:
-        """Return the index of a text. A text that is not in the table is added."""
+        """Return the index of a string. A string that is not in the table is added."""
         if text is None:
             return -1
         text = printable(text, most=LONGEST_TEXT)
@@ -38,7 +38,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
 
     Args:
         diagnoses: Diagnoses of the runs.
-        films: Index of each film on the page, by key.
+        films: Index of each film strip on the page, by key.
         media: Images and run folders.
     """
     strings = StringTable()

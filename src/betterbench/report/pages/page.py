@@ -81,10 +81,10 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """Film that the first screen of the report shows.
+    """Film strip that the first screen of the report shows.
 
     Attributes:
-        shown: The film.
+        shown: The film strip.
         frames: Frames around the evidence.
         twin_frames: Frames of the training twin (the training trial with the same seed) at the corresponding step of
             the task.
@@ -127,7 +127,7 @@ def write_report(
     Args:
         diagnoses: Diagnoses of the runs, in the order of the page.
         out: Folder to write to.
-        films: Films of trials; None for the films of ``media``.
+        films: Film strips of trials; None for the film strips of ``media``.
         latex: Whether to write the tables as LaTeX too.
         media: Images and run folders.
         machine: Facts about the machine, by name (e.g. "processor").
@@ -136,8 +136,8 @@ def write_report(
         assets: Sources and licenses of the objects.
 
     Raises:
-        InvalidInputError: If no diagnosis is given, two diagnoses have the same policy, or a film does not belong to a
-            trial.
+        InvalidInputError: If no diagnosis is given, two diagnoses have the same policy, or a film strip does not belong
+            to a trial.
     """
     names = [diagnosis.policy for diagnosis in diagnoses]
     if not diagnoses:
@@ -179,7 +179,7 @@ def render_page(
 ) -> str:
     """Return the report page as HTML, with links to download the tables.
 
-    ``latex`` tells whether the tables also exist as LaTeX files.
+    ``latex`` is True if the tables also exist as LaTeX files.
     """
     pages = environment()
     pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural)
@@ -233,7 +233,7 @@ def render_page(
 
 
 def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
-    """Return the comparisons of policies with pretenders, and tables for all policies.
+    """Return two report sections: the comparison of each policy with pretenders, and the score tables of all policies.
 
     A pretender is a reference policy that lacks an ability on purpose.
     """
@@ -272,7 +272,7 @@ def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
-    """Return the films that have frames, with their trials. Films of failures come first."""
+    """Return the film strips that have frames, with their trials. Failures come first."""
     trials = {(d.policy, t.key): t for d in diagnoses for t in d.trials}
     shown: list[ShownFilm] = []
     for film in films.values():
@@ -301,7 +301,7 @@ def _shown_charts(charts: Sequence[Chart]) -> list[ShownChart]:
 
 
 def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
-    """Return the film that shows the main failure of a policy. Return None if there is none."""
+    """Return the film strip that shows the main failure of a policy. Return None if there is none."""
     failure = headline.failure
     if failure is None:
         return None
@@ -327,7 +327,7 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
 
 
 def _training_title(headlines: Sequence[Headline]) -> str:
-    """Return the heading of the success rate in training conditions, which stands next to the gaps."""
+    """Return the heading of the success rate in training conditions, which is shown next to the gaps."""
     return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 

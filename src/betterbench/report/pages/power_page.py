@@ -78,7 +78,7 @@ def _escaped(part: str) -> str:
 
 
 def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
-    """Return the conclusions of a power matrix about the suite, as sentences."""
+    """Return sentences that state what the power matrix shows about the suite."""
     keys = matrix.variations
     control = [_name(key) for key in keys if matrix.control(key)]
     told = len(keys) - len(control)
@@ -106,7 +106,7 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
     """Return sentences about variations that policies without vision, instruction or aim can solve.
 
     These variations are listed before and after a correction for multiple tests. Another sentence lists the variations
-    whose instruction is redundant.
+    with a redundant instruction.
     """
     said = []
     for mark, chosen in (
@@ -130,21 +130,21 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
 
 
 def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells whose success rate is above chance after a correction for multiple tests.
+    """Return the cells with a success rate above chance after a correction for multiple tests.
 
-    The smallest p-value comes first.
+    They are in order of increasing p-value.
     """
     return sorted((c for c in cells if c.flagged), key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells whose success rate is above chance without any correction, smallest p-value first."""
+    """Return the cells with a success rate above chance without any correction, in order of increasing p-value."""
     found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def redundant(cells: Iterable[BlindCell]) -> list[str]:
-    """Return the variations whose instruction is redundant, because no other instruction makes sense in their scene."""
+    """Return the variations with a redundant instruction. No other instruction makes sense in their scene."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 

@@ -122,7 +122,9 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
 
 
 class _Page:
-    """Canvas on which texts and images are placed from top to bottom, in pixels from the upper left corner.
+    """Canvas on which texts and images are placed from top to bottom.
+
+    Positions are in pixels from the upper left corner.
 
     The canvas is drawn when it is complete.
     """
@@ -132,7 +134,7 @@ class _Page:
         self._items: list[Callable[[Figure, float], None]] = []
 
     def column(self, left: int, right: int) -> None:
-        """Continue in a column between two x coordinates [px], at the height of the last image."""
+        """Continue in a column between two x coordinates [px]. It begins at the height of the top of the last image."""
         self.x, self.width = left, right - left
         self.y = self._image_top
 
@@ -242,7 +244,7 @@ def _draw_action(axes: Axes, content: _Content) -> None:
 
 
 def arrow_factor(start: np.ndarray, aim: np.ndarray) -> int:
-    """Return the factor by which the arrow between two pixels is enlarged. Return 0 if there is nothing to draw."""
+    """Return the enlargement factor of the arrow between two pixels. Return 0 if there is nothing to draw."""
     length = float(np.hypot(*(aim - start)))
     if not math.isfinite(length) or length < 0.2:
         return 0
@@ -257,7 +259,7 @@ def _text(x: float, y: float, line: str, font: FontProperties, color: str) -> Ca
 
 
 def _box(x: float, y: float, width: float, height: float, page: float) -> tuple[float, float, float, float]:
-    """Convert a rectangle in pixels from the upper left corner to fractions of the figure."""
+    """Convert a rectangle from pixels (with the origin at the upper left) to fractions of the figure size."""
     return x / _WIDTH, 1.0 - (y + height) / page, width / _WIDTH, height / page
 
 

@@ -51,7 +51,7 @@ class ScoreTable:
 
 @dataclass(frozen=True, slots=True)
 class MarginRow:
-    """Row of the margin table: success rate on a variation, shortcut ceiling and their difference, as texts.
+    """Row of the margin table: success rate on a variation, shortcut ceiling and their difference, as strings.
 
     The shortcut ceiling is the success rate that a policy can reach without the tested ability.
     """
@@ -114,7 +114,7 @@ def scope_title(scope: str) -> str:
 
 
 def score_rows(policy: str, standing: Standing, columns: Sequence[str]) -> list[ScoreRow]:
-    """Return the row of the policy under test, followed by one row per reference policy, best first."""
+    """Return the row of the policy under test, followed by one row per reference policy, starting with the best."""
     known = {x.pretender: x for x in standing.likenesses}
     if standing.expert is not None:
         known[EXPERT] = standing.expert

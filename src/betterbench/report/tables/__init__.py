@@ -1,1 +1,1 @@
-"""Tables of a report as HTML, CSV and LaTeX, and the paper's tables in the same formats."""
+"""Tables of a report as HTML, CSV and LaTeX, and the tables of the BeTTER paper in the same formats."""

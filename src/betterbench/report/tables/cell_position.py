@@ -1,4 +1,4 @@
-"""Assignment of conditions to the cells of the diagnostic matrices, by the initial states of the objects."""
+"""Assign conditions to the cells of the diagnostic matrices, by the initial states of the objects."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _is_pick(condition: Condition, goal: Subgoal) -> bool:
 def _target_state(condition: Condition, goal: Subgoal) -> State:
     """Return the initial state of the object that a subgoal is about.
 
-    If two subgoals are equal, the second of them is about the second object.
+    If an instruction contains the same subgoal twice, the second one is about the second object.
     """
     names = condition.resolve(goal.reference)
     if len(names) < goal.count:

@@ -45,7 +45,7 @@ def table_to_latex(table: Table) -> str:
 
 
 def paper_table_to_latex(table: PaperTable) -> str:
-    """Return one of the paper's tables in the paper's layout, with counts and 95 % intervals."""
+    """Return a table of the BeTTER paper in the layout of the paper, with counts and 95 % intervals."""
     groups, rules, at = [], [], 2
     for group in table.groups:
         end = at + group.span - 1

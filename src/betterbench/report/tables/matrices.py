@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: outcomes by the initial states of two objects.
+"""The two diagnostic matrices of the BeTTER paper: outcomes by the initial states of two objects.
 
 An object is on the table, already at its target, or absent.
 """
@@ -55,10 +55,10 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """Condition whose trials are in a cell ("fruit_lunch/T1").
+    """Condition ("fruit_lunch/T1") that belongs to a cell, with the results of its trials.
 
     Attributes:
-        labels: Labels of its trials with their counts, most frequent first.
+        labels: Labels of its trials with their counts, starting with the most frequent.
         needless: Number of successful trials with an unnecessary step.
         twins: Success rate of the training twins (the training trials with the same seeds) that are in the run.
     """
@@ -78,12 +78,12 @@ class Cell:
     Attributes:
         sources: Conditions of the run that belong to the cell.
         success: Success rate over all trials of these conditions.
-        labels: Labels of the trials with their counts, most frequent first.
+        labels: Labels of the trials with their counts, starting with the most frequent.
         needless: Number of successful trials with an unnecessary step, such as an air grasp at an empty slot.
         note: Reason why the cell is empty; "" if it is not empty.
         paper: Outcome that the paper reports, for reference.
         twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. In the cell of the training conditions, this rate is based on no trials.
+            scene. The cell of the training conditions has no training twins.
     """
 
     row: State
@@ -109,11 +109,11 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """One of the paper's diagnostic matrices, filled with the results of a run.
+    """Diagnostic matrix as in the BeTTER paper, filled with the results of a run.
 
     Attributes:
         caption: Meaning of rows and columns.
-        axes: Objects whose states define the rows and the columns.
+        axes: Objects that define the rows and the columns by their states.
         cells: Three rows of three cells, in the order of :class:`State`.
     """
 
@@ -205,7 +205,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 def _source(
     name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
 ) -> MatrixSource:
-    """Collect the outcomes of a condition's trials, and the success rate of the training trials with the same seeds."""
+    """Collect the outcomes of a condition's trials and the success rate of the training trials with the same seeds."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]

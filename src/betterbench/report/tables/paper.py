@@ -1,4 +1,4 @@
-"""The paper's two tables in the same layout, with one row per run and the rows of the paper for reference."""
+"""The two tables of the BeTTER paper in their original layout, with one row per run and the paper's rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class PaperGroup:
 
 @dataclass(frozen=True, slots=True)
 class PaperColumn:
-    """Column: the name of its condition in CSV files ("L1"), and its title."""
+    """Column: the name that identifies its condition in CSV files ("L1"), and its title."""
 
     name: str
     title: str
@@ -45,7 +45,7 @@ class PaperRow:
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """One of the paper's tables.
+    """Table of the BeTTER paper, filled with the results of runs.
 
     ``groups`` contains the headings over several columns, and ``name`` is the file name without extension.
     """
@@ -65,7 +65,7 @@ class PaperTable:
 
 @cache
 def paper_facts() -> dict[str, Any]:
-    """Return the numbers that are printed in the paper, with their source."""
+    """Return the numbers that are printed in the BeTTER paper, with their source."""
     text = resources.files("betterbench.report").joinpath("paper.json").read_text(encoding="utf-8")
     facts: dict[str, Any] = json.loads(text)
     return facts
@@ -98,7 +98,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
     """Return the table of success rates for seen and novel compositions of the fast-food task.
 
-    The last column is the difference ΔSR.
+    The last column, ΔSR, is the success rate on novel compositions minus the mean success rate on seen compositions.
     """
     names = ("train1", "train2", "R1")
     rows = []
@@ -131,7 +131,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def plain_paper_table(table: PaperTable) -> Table:
-    """Return one of the paper's tables as a plain table.
+    """Return a table of the BeTTER paper as a plain table.
 
     Value, ends of the interval, and counts are in separate columns.
     """
