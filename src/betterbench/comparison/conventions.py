@@ -1,4 +1,7 @@
-"""Conventions that affect outcomes, read from the plan of a run and from its records."""
+"""Conventions that affect outcomes, such as versions and control rates.
+
+They are read from the plan and the records of a run.
+"""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
         if name.startswith(_DECISIVE) and not allow_mixed:
             raise RunConflictError(
                 f"{name} differs: {listed}. Repeat one of the runs under the same conventions, "
-                "or give --allow-mixed and interpret the results with care."
+                "or use --allow-mixed and interpret the results with care."
             )
         yield f"{name} differs: {listed}."
 

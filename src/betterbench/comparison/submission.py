@@ -92,7 +92,7 @@ class SubmittedTrial:
 
     @property
     def key(self) -> str:
-        """Key of the trial as text ("fast_food/T1/3")."""
+        """Key of the trial as a string ("fast_food/T1/3")."""
         return str(TrialId(self.task, self.condition, self.seed))
 
 
@@ -150,7 +150,7 @@ class Submission:
         return replace(self, sha256=_hash_of(form))
 
     def diagnosis(self) -> RunDiagnosis:
-        """Convert the outcomes to a diagnosis, which has no attempts and no evidence.
+        """Convert the outcomes to a diagnosis without attempts and without evidence.
 
         Raises:
             UnknownNameError: If this installation does not have a task or a condition of the submission.
@@ -280,7 +280,7 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 
 
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
-    """Convert a submitted trial to a diagnosis, which has a label but no evidence."""
+    """Convert a submitted trial to a diagnosis with a label but without evidence."""
     resolved = _resolved(trial.task, trial.condition)
     # Before version 0.2, submissions labeled unfinished trials as policy errors.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)

@@ -1,4 +1,4 @@
-"""Verdict of a comparison in sentences, with the size of the differences that the trials could not have detected."""
+"""Sentences that state the result of a comparison, and the smallest difference that its trials could have detected."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Describe in words which trials a comparison covers. Names of tasks in other worlds are not changed."""
+    """Describe in words which trials a comparison covers. Task names of other worlds are used as they are."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(

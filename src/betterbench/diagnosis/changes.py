@@ -31,7 +31,7 @@ _SAME_TIME = 1e-6
 class ThresholdChange:
     """Threshold whose value differs between two diagnoses.
 
-    The value of a diagnosis that lacks the threshold is None.
+    If a diagnosis lacks the threshold, its value is None.
     """
 
     name: str
@@ -72,7 +72,7 @@ class TrialChange:
 
 @dataclass(frozen=True, slots=True)
 class MetricChange:
-    """Metric that differs between two diagnoses. The value of a diagnosis that lacks the metric is None."""
+    """Metric that differs between two diagnoses. If a diagnosis lacks the metric, its value is None."""
 
     name: str
     scope: str
@@ -102,7 +102,10 @@ class DiagnosisChanges:
 
     @property
     def counts(self) -> dict[tuple[str, str], int]:
-        """Number of trials for each label change (stored, new) of the same record, most frequent change first."""
+        """Number of trials for each change of label (stored, new), most frequent change first.
+
+        Trials with a replaced record are not counted.
+        """
         changed = Counter(t.labels for t in self.of_sort("label"))
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
@@ -157,7 +160,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Describe in a clause how the record of a trial was replaced, or return None if no replacement is visible."""
+    """Return a clause that describes how the record of a trial was replaced, or None if it was not visibly replaced."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):

@@ -1,4 +1,4 @@
-"""Failure modes: the class with which each file in ``modes`` registers its mode, and the input that a detector gets."""
+"""Class that each file in ``modes`` uses to register its failure mode, and the input passed to detectors."""
 
 from __future__ import annotations
 

@@ -128,9 +128,9 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return advice on which LIBERO-PRO suites to run for a diagnosis that base suites alone cannot give.
+    """Return advice on which LIBERO-PRO suites to run for a more complete diagnosis than base suites allow.
 
-    The text is empty if the run already contains such a suite.
+    Return an empty string if the run already contains such a suite.
     """
     if any(trial.variation is not None for trial in trials):
         return ""
@@ -219,7 +219,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the trace of a record. Whether a requested relation holds is taken from LIBERO's own verdict."""
+    """Return the trace of a record. LIBERO's own verdict decides whether a requested relation holds."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -277,7 +277,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label and the evidence of a failed trial whose goal requires that a joint is moved."""
+    """Return the label and the evidence of a failed trial whose goal includes moving a joint."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "

@@ -25,7 +25,7 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reader of the records of a run, which knows how trials in the world of the run are judged."""
+    """Reads the records of a run, and knows how trials are judged in the world of this run."""
 
     @property
     def twins_elsewhere(self) -> bool:

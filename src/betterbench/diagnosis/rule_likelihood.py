@@ -125,7 +125,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
 
 
 def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
-    """Return the log-likelihood of a first attempt for each strength in the grid of 100 strengths, shape (100,)."""
+    """Return the log-likelihood of a first attempt for each of the 100 strengths in the grid, shape (100,)."""
     predicted = predicted_slots(rule, choice)
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:

@@ -1,4 +1,4 @@
-"""Diagnosis of a run: a first pass over each single trial, a second pass over all trials together, and the findings."""
+"""Diagnosis of a run: each trial on its own (first pass), all trials together (second pass), and the findings."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class _Trials:
     """Planned trials of a run, with the results of the first pass.
 
     Attributes:
-        plan: Trials that count, in the order of the plan.
+        plan: Trials that are part of the diagnosis, in the order of the plan.
         readings: Results of the first pass, by trial.
         missing: Reason why a trial has no record, by trial. None if the reason is unknown.
-        pending: Trials that a run in progress has not reached yet. They do not count.
+        pending: Trials that a run in progress has not reached yet. They are not part of the diagnosis.
         until_decided: Stopping rule and decisions, or None for a run that executes all planned trials.
     """
 
@@ -148,7 +148,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
         raise InvalidInputError(
             str(run.path),
             "it contains no counterfactual twin of the planned trials",
-            "Name a run of the LIBERO base suite that was made with the same --seed",
+            "Pass a run of the LIBERO base suite that was made with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)

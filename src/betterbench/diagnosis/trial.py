@@ -41,8 +41,8 @@ class Choice:
     If two layouts have a slot at the same position, both slots get the name of the first.
 
     Attributes:
-        layout: Slots with the kind of object that each contained at the start. Trials with the same layout are
-            compared.
+        layout: Slots that contained an object at the start, each with the kind of this object. Trials with the same
+            layout are compared.
         right: Slots at which the first attempt would be correct. Empty if no object should be grasped.
         slot: Slot of the first attempt, or None if there was no attempt.
         correct: Whether the first attempt was correct, or whether the policy correctly made no attempt.
@@ -150,7 +150,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial of any world. Harm and needless steps are not filled in."""
+    """Return the diagnosis of an analyzed trial in any world, without harm and needless steps."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(

@@ -1,4 +1,4 @@
-"""Verdicts of runs with ``--until-decided``, and the selection of trials that does not depend on the outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the trials that were chosen independently of the outcomes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class UntilDecided:
     def answer(self, condition: str) -> Answer | None:
         """Return how a variation ("fast_food/T1") was decided, or that it is undecided.
 
-        None if it is not in the run.
+        Return None if it is not in the run.
         """
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 

@@ -161,7 +161,7 @@ class TrialDiagnosis:
 
     @property
     def key(self) -> str:
-        """Key of the trial as text ("fast_food/T1/3", "fast_food/train1/3")."""
+        """Key of the trial as a string ("fast_food/T1/3", "fast_food/train1/3")."""
         return str(self.trial_id)
 
     @property

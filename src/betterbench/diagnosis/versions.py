@@ -1,4 +1,7 @@
-"""Versions in the records of a run. Records with different versions raise an error unless this is allowed."""
+"""Versions in the records of a run.
+
+Records with different versions raise an error unless mixed versions are allowed.
+"""
 
 from __future__ import annotations
 

@@ -225,9 +225,9 @@ class Demonstrated:
     ) -> tuple[FlatPose, ...]:
         """Return the final poses at a target from demonstrations with the same object, or with the most similar one.
 
-        Poses of the same object asset at the same target asset come first. If there are none, the poses of the same
-        object asset are returned. If there are none either, those of the same kind of object are returned, and
-        otherwise those of any object at this target.
+        Poses of the same object asset at the same target asset come first. If there are none, poses of the same object
+        asset at other target assets are returned. Next come poses of the same kind of object, and then poses of any
+        object at this target.
         """
         there = self._poses_at(target_kind, relation, region)
         of_kind = [p for p in there if p.kind == kind]
@@ -288,7 +288,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Context in which a task has the given measurements.
+    """Context manager in which a task has the given measurements.
 
     This is needed while demonstrations are measured, because earlier demonstrations determine the start of later ones.
     """
@@ -373,7 +373,7 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
     Raises:
         InvalidInputError: If the file is invalid.
     """
-    cure = "Measure again with better certify --demonstrations"
+    cure = "Measure the demonstrations again with `better certify --demonstrations`"
     form = open_seal(text, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)
     return read_form(_FILE, form, where=where, cure=cure)
@@ -387,7 +387,7 @@ def _packaged() -> DemonstrationsFile:
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the text of the file, with new measurements for some tasks and the previous ones for all others."""
+    """Return the new text of the file, with new measurements for some tasks and the previous ones for all others."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

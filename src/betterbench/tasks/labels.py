@@ -25,10 +25,10 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """Outcome label of a trial: a text with a kind of outcome. There is exactly one object for each name.
+    """Outcome label of a trial: a string with a kind of outcome. There is exactly one object for each name.
 
     If several pieces of evidence concern the same moment, the one whose label comes first in the order of labels
-    decides. :func:`new_label` makes further labels.
+    decides. Use :func:`new_label` to create further labels.
 
     Raises:
         UnknownNameError: If there is no label with this name.
@@ -63,12 +63,12 @@ class Label(str):
             raise UnknownNameError("label", name, _LABELS) from None
 
     def __reduce__(self) -> tuple[type[Label], tuple[str]]:
-        """Return how to copy the label, so that copied and unpickled labels are the same object as the original."""
+        """Return the class and the name with which copying and unpickling find the same label again."""
         return Label, (self.value,)
 
     @property
     def value(self) -> str:
-        """Name of the label as plain text."""
+        """Name of the label as a plain string."""
         return str(self)
 
 

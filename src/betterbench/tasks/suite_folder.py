@@ -1,4 +1,4 @@
-"""Suite folders, which contain tasks as JSON files, and ``suite.json`` with a list of the tasks and their digests.
+"""Suite folders. Each contains tasks as JSON files, and a file ``suite.json`` that lists the tasks and their digests.
 
 The name of the folder ends with the first digits of a digest over all tasks, so that equal names mean the same
 benchmark.
@@ -63,7 +63,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder, after its files were found to match the digests in the list of tasks.
+    """Suite in a folder. All of its files match the digests in the list of tasks.
 
     Attributes:
         name: Name of the suite, including the digits of the digest ("kitchen-3f2a91c0d4e5").
@@ -82,10 +82,10 @@ def is_suite_folder(path: Path | str) -> bool:
 
 
 def require_suite_name(name: str, *, where: str = "name of the suite") -> None:
-    """Check that a text is a valid name for a suite. The name does not include the digest.
+    """Check that a string is a valid name for a suite. The name does not include the digest.
 
     Raises:
-        InvalidInputError: If the text is not a valid name.
+        InvalidInputError: If the string is not a valid name.
     """
     if re.fullmatch(_NAME_PATTERN, name) is None:
         cure = "Use up to 64 lower-case letters, digits and '_', and begin with a letter"
@@ -145,7 +145,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
 
 
 def _is_companion(file: Path) -> bool:
-    """Return whether a file contains measurements for a task, as opposed to a task."""
+    """Return whether a file contains measurements for a task rather than a task."""
     return file.name.endswith(".demonstrations.json")
 
 

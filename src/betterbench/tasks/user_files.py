@@ -360,7 +360,7 @@ def code_of(kind: str, name: str) -> str | None:
 
 @contextmanager
 def explaining(kind: str, name: str) -> Iterator[None]:
-    """Context that adds the file and the line to errors raised by the user code that registered a name.
+    """Context manager that adds the file and the line to errors raised by the user code that registered a name.
 
     Raises:
         InvalidInputError: If the code raises an error.
@@ -504,7 +504,7 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Context in which a file is the origin of everything that is registered.
+    """Context manager in which a file is the origin of everything that is registered.
 
     At the end, its tasks are built as a check.
     """
@@ -521,7 +521,7 @@ def _registering(origin: _Origin) -> Iterator[None]:
 
 @contextmanager
 def _errors_explained(path: str) -> Iterator[None]:
-    """Context that adds the file and the line to an error raised in a user's file.
+    """Context manager that adds the file and the line to an error raised in a user's file.
 
     Raises:
         InvalidInputError: If the file raises an error.

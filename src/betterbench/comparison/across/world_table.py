@@ -203,7 +203,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 problem = f"{base}: the {what} differ: {listed}."
                 if not allow_mixed:
                     raise RunConflictError(
-                        f"{problem} Repeat one of the two runs with the same protocol and installation, or give "
+                        f"{problem} Repeat one of the two runs with the same protocol and installation, or use "
                         f"--allow-mixed and interpret the results with care."
                     )
                 notes.append(problem)

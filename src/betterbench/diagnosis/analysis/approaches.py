@@ -48,7 +48,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Interval in which the open gripper stays over an object, given by its first and last row of the trace.
+    """Interval of the trace (first and last row) in which the open gripper stays over an object.
 
     Passing over the object does not count as staying over it.
     """
@@ -110,7 +110,7 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether the gripper was over a requested object about as long or as often as over the chosen object.
+    """Return whether the gripper was over a requested object about as long or as often as it was over the chosen one.
 
     Only the time that the gripper spends below a certain height above the table counts. The height is the same for both
     objects, since a descending gripper would otherwise count as being over the taller object earlier.
@@ -184,7 +184,7 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Split a series of heights into halves, and return by how much the median of the second half is lower [m]."""
+    """Return how far the median of the second half of a series of heights is below that of the first half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
@@ -425,7 +425,10 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last row of each interval of true flags. Intervals separated by a short gap are merged."""
+    """Return the first and last row of each interval in which the flags are True.
+
+    Intervals separated by a short gap are merged.
+    """
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -438,8 +441,8 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
     """Return the row at which an object begins to move.
 
-    The row is at most that of the first recorded touch. A touch that lasts less than a control step is not recorded,
-    but it can be seen in the object's motion.
+    The returned row is never later than the first recorded touch. A touch that lasts less than a control step is not
+    recorded, but it can be seen in the object's motion.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -456,7 +459,7 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object moved at least a fraction ``PUSH_SHARE`` of the length of a push."""
+    """Return whether a touched object moved at least ``PUSH_SHARE`` times as far as required for a push."""
     way, _ = _ways(trace, i, start, end)
     return float(np.linalg.norm(way)) >= PUSH_SHARE * PUSH_TRAVEL
 

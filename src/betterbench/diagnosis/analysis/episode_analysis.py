@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
+"""Analysis of an episode: compares the object of each grasp attempt with the next step of the instruction."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Step:
 
     Attributes:
         grasp: Rows, object and slot of the attempt in the trace.
-        attempt: The attempt in the form in which it is reported.
+        attempt: The attempt as reports show it.
         at: Index of the attempted or missed object, or None if there is no object.
         target: Relation of the object to the instruction.
         goal: Index of the subgoal that was current, or None if no subgoal was open.
@@ -141,7 +141,7 @@ class EpisodeAnalysis:
     def decisions(self) -> tuple[Step, ...]:
         """All attempts that show which object the policy wants, in time order.
 
-        These are grasp attempts and pushes. If the gripper stays over an object at the end, this counts as well.
+        These are grasp attempts and pushes. Staying over an object at the end of the episode is an attempt as well.
         Attempts at drawers that were opened or shut to reach a wrong first choice are left out.
         """
         apart = (*self.opened_first, *self.shut_first)
@@ -262,7 +262,7 @@ class EpisodeAnalysis:
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Describe each harm to an object that was not requested, as one clause per harm in time order."""
+        """Return one clause for each harm to an object that was not requested, in time order."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -332,7 +332,7 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region in which an object is, if the policy has certainly brought it there, otherwise None.
+        """Return the target region that contains an object if the policy must have brought it there, otherwise None.
 
         A wide region, such as one side of another object, does not count, because the object may have been there from
         the start.
@@ -399,10 +399,10 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
-        """Return the first row at which a carried object stood on a support, as a tuple of at most one row.
+        """Return the first row at which a carried object stood on a support, or an empty tuple.
 
-        For example, a jar that jams at the edge of its hole counts as standing there, even if the closed gripper then
-        drags it away.
+        The row is returned as a tuple with one element. For example, a jar that jams at the edge of its hole counts as
+        standing there, even if the closed gripper then drags it away.
         """
         trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
@@ -454,7 +454,7 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal of another object if the attempt brought its object to that subgoal's target, or None."""
+        """Return another object's subgoal if the attempt brought its object to the target of that subgoal, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -471,7 +471,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training has objects of this kind, except the slot in which this object starts."""
+        """Return the slots in which this kind of object stands in training, except where this object starts."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -524,7 +524,7 @@ class EpisodeAnalysis:
     def _place(self, row: int, i: int) -> str:
         """Describe where an object is, by its target region, its slot or its coordinates.
 
-        The text is empty for a drawer.
+        For a drawer, return an empty string.
         """
         trace = self.trace
         if trace.is_drawer(i):
@@ -539,7 +539,7 @@ class EpisodeAnalysis:
         return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
-        """Return one attempt in the form of evidence for a label."""
+        """Convert an attempt to evidence for a label."""
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
@@ -708,13 +708,12 @@ def _start(grasp: GraspAttempt) -> int:
 
 
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
-    """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
+    """Return whether a gripper that closed at an empty slot may have missed an object elsewhere.
 
-    The distance is measured from the point at which demonstrations close the gripper in this slot. The gripper may have
-    missed an object elsewhere if that object is about as near as this point, or at least as near in the view from
-    above. The view from above is considered because a gripper that closes above the rim of a plate has missed the
-    plate, whatever its height. If the slot contains an object, or if training never picks from this slot, only the
-    distance to the center of the slot is considered.
+    The gripper may have missed an object if that object is about as near as the point at which demonstrations close the
+    gripper in this slot, or at least as near in the view from above. The view from above is considered because a
+    gripper that closes above the rim of a plate has missed the plate, whatever its height. If the slot contains an
+    object, or if training never picks from this slot, only the distance to the center of the slot is considered.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:

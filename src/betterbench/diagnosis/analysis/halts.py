@@ -140,7 +140,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return the first row after which the arm stays in place until the end, long enough to count as trembling.
+    """Return the row from which the arm stays in place until the end, if that is long enough to count as trembling.
 
     If there is no such row, return the number of rows of the trace.
     """

@@ -24,7 +24,7 @@ FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
 class DatedHarm(NamedTuple):
     """Harm to an object, with the row of the trace at which it first appears.
 
-    If the harm is that an object was left at a wrong target, this is the last row.
+    For an object that was left at a wrong target, this is the last row of the trace.
     """
 
     row: int

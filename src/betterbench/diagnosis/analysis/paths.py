@@ -75,7 +75,7 @@ def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
 
 
 def runs_of(flags: Bools) -> list[tuple[int, int]]:
-    """Return each interval of true flags, given by its first row and the row after its last row."""
+    """Return each interval in which the flags are True, given by its first row and the row after its last row."""
     padded = np.concatenate(([False], flags, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Trace of an episode: the record as arrays, in the form in which the detectors of failure modes use it."""
+"""Trace of an episode: its record, converted to arrays for the detectors of failure modes."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ CLAIMED = next(reversed(FAMILIES))
 
 
 def packaged_file(family: str) -> str:
-    """Return the name of the calibration file for a set of policies, which is in the package's folder ``data``."""
+    """Return the name of the calibration file for a set of policies. The file is in the package's folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
@@ -218,7 +218,7 @@ class Calibration:
         }
 
     def file_bytes(self) -> bytes:
-        """Return the calibration as JSON with a checksum, in the form of bytes."""
+        """Serialize the calibration to JSON bytes, including a checksum."""
         return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
 
     @classmethod

@@ -51,7 +51,10 @@ Key = tuple[str, str]
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return advice on how to measure the power matrix of the given tasks. It is the last clause of a sentence."""
+    """Return advice on how to measure the power matrix of the given tasks.
+
+    It is worded as the last clause of a sentence.
+    """
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -271,7 +274,7 @@ class PowerMatrix:
             InvalidInputError: If one of the added tasks has changed since the earlier measurement, or if the earlier
                 matrix was measured with other pretenders or another suite, engine, appearance or protocol.
         """
-        cure = "Measure the whole matrix with better calibrate --power"
+        cure = "Measure the whole power matrix with `better calibrate --power`"
         kept = earlier.without({task for task, _ in self.variations})
         if stale := kept.stale_tasks():
             raise InvalidInputError("power matrix", f"{stale[0]} has changed since it was measured", cure)
@@ -347,7 +350,7 @@ class PowerMatrix:
         Raises:
             RecordError: If a field is missing or malformed, or the checksum does not match.
         """
-        cure = "Measure it again with better calibrate --power"
+        cure = "Measure it again with `better calibrate --power`"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
         file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         cells = {name: {_key(k, where): cell for k, cell in row.items()} for name, row in file.cells.items()}
@@ -369,7 +372,7 @@ def _key(text: str, where: str) -> Key:
     task, _, name = text.rpartition("/")
     if not task or not name:
         raise RecordError(
-            f"{where}: {text!r} is not the name of a variation. Measure the matrix with better calibrate --power."
+            f"{where}: {text!r} is not the name of a variation. Measure the power matrix with `better calibrate --power`."
         )
     return task, name
 

@@ -26,8 +26,8 @@ class ReferenceLine:
 
     Attributes:
         pretender: Name of the pretender.
-        scores: Expected success rate by scope ("overall", "axis:temporal_extrapolation"). Each variation is weighted by
-            its number of trials in the run.
+        scores: Expected success rate for each scope ("overall", "axis:temporal_extrapolation"). Each variation is
+            weighted by its number of trials in the run.
     """
 
     pretender: str
@@ -195,9 +195,9 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the success rates that a pretender is expected to reach, by scope.
+    """Return the success rates that a pretender is expected to reach, one for each scope.
 
-    The result is empty if the matrix lacks one of the variations.
+    The result is empty if the power matrix lacks one of the variations in the run.
     """
     rates = _rates(name, trials, matrix)
     if rates is None:
@@ -212,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how often a pretender's outcomes agree with those of a run, or None if the matrix lacks a variation."""
+    """Return how often a pretender's outcomes agree with those of a run, or None if the power matrix lacks one."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

@@ -119,7 +119,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is not due and is at the kind of object with which most demonstrations begin."""
+    """Return evidence if the attempted object is not due, but is of the kind with which most demonstrations begin."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None

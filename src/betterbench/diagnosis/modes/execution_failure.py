@@ -273,7 +273,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the closed gripper was to push a drawer shut, but did not push it far enough."""
+    """Return evidence if the closed gripper tried to push a drawer shut but did not push it far enough."""
     trace, last = episode.trace, episode.trace.rows - 1
     if not episode.fists or find_halt(episode) is not None:
         return None

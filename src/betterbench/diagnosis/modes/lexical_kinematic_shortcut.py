@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether a different known object is now in a slot from which training picked the object of a word."""
+    """Return whether a known object is now in a slot from which training picked a different object for a word."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)

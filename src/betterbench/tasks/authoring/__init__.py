@@ -122,7 +122,7 @@ def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal,
         *things: Objects to put into the container, in order.
     """
     if not isinstance(verb, str):
-        raise TypeError(f"packed(verb, target, *things): the first argument must be a verb as text, got {verb!r}")
+        raise TypeError(f"packed(verb, target, *things): the first argument must be a verb (a string), got {verb!r}")
     kinds = [thing.kind for thing in things]
     steps = []
     for i, thing in enumerate(things):

@@ -169,7 +169,7 @@ def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa
 
 @operation
 def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
-    """Replace an object by another object in the same slot."""
+    """Replace an object with another object in the same slot."""
     _require_slot(condition, object)
     removed, first = remove(object).carry_out(condition)
     added, second = _added(removed, by, condition.layout[object.name])
@@ -194,7 +194,7 @@ def repeat(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Replace the instruction by one that requires more steps than the training condition does."""
+    """Replace the instruction with one that requires more steps than the training condition does."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
         raise InvalidInputError(
             f"{condition.id} chain", "the new instruction is not longer", "Use the operation 'instruct' instead"

@@ -76,10 +76,10 @@ def _shown(text: str) -> str:
 
 
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
-    """Yield every text of a task with the first location at which it occurs.
+    """Yield every string in a task, with the location at which it first occurs.
 
-    Each value is read only once. Since conditions share most of their objects, a task has some 20,000 locations of
-    texts, but only 2,000 different texts.
+    Each value is read only once. Since conditions share most of their objects, a task contains about 20,000 texts, but
+    only 2,000 different ones.
     """
     left: list[tuple[_At | None, object]] = [(None, task)]
     seen: dict[int, object] = {}

@@ -264,7 +264,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
     """Read a task from JSON, and check that its conditions and variations follow its template.
 
     Args:
-        form: A JSON object, or its text.
+        form: A JSON object, or a string that contains it.
         where: Name of the file in error messages.
 
     Raises:

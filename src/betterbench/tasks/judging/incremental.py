@@ -89,7 +89,7 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """Stand-in for a state that records the poses and contacts which a predicate reads.
+    """World state that records which poses and contacts a predicate reads.
 
     If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
     necessary, but never too rarely.

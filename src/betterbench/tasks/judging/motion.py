@@ -1,4 +1,7 @@
-"""Motion of the gripper and the objects so far, as arrays. Grasp attempts are detected in it, live and in records."""
+"""Motion of the gripper and the objects so far, as arrays.
+
+Grasp attempts are detected from these arrays, both live and in records.
+"""
 
 from __future__ import annotations
 
@@ -258,7 +261,7 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return each run of true flags, given by its first row and the row after its last row."""
+    """Return each interval in which the flags are True, given by its first row and the row after its last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 
@@ -273,7 +276,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Builder of a :class:`Motion` that grows with each state."""
+    """Builds a :class:`Motion` one state at a time."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked

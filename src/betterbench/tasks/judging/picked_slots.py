@@ -77,7 +77,7 @@ class PickedSlot:
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
-        """Return whether a gripper that closes on nothing at a point may have been aimed at this slot."""
+        """Return whether an empty gripper that closes at this point may have been aimed at this slot."""
         return self.beyond(point) <= EMPTY_SLOT_REACH
 
 

@@ -16,9 +16,10 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects that must not be touched in a refusal, as the instruction does not name them.
+    """Return the indices of the objects that must not be touched in a refusal.
 
-    Drawers and targets may be touched, because the policy may put away those requested objects that exist.
+    They are the objects that the instruction does not name. Drawers and targets may be touched, because the policy may
+    put away those requested objects that exist.
     """
     return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
 

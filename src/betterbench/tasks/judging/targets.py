@@ -44,7 +44,7 @@ def asked_by(condition: Condition) -> tuple[Asked, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """Target that is watched, with a relation, the objects whose region is tracked, and its regions by name."""
+    """Watched target, with its relation, the objects that are tracked at it, and its regions by name."""
 
     relation: Relation
     target: str
@@ -85,7 +85,8 @@ class Targets:
         Args:
             asked: Subgoals of the condition.
             info: The scene.
-            placing: Name of the relation by which objects count as intruders if they were not requested at a target.
+            placing: Name of the relation for which intruders are detected, i.e. objects at a target at which they were
+                not requested.
         """
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)

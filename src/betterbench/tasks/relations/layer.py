@@ -44,7 +44,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     Every layer from the base up to the object must lie flat on the layer below, touch it, and be centered over the
     base. A patty, a slice or a leaf may lie with either side up, but a bun may not. The base must be upright.
 
-    The number is returned as text. Layer "1" lies directly on the base.
+    The number is returned as a string. Layer "1" lies directly on the base.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:
@@ -90,7 +90,7 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Return whether an object with two equal sides lies upside down, as seen from the axes of its asset."""
+    """Return whether an object with two equal sides lies upside down, according to the axes of its asset."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 

@@ -55,7 +55,7 @@ def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned:
 
 
 def slim_opening_m(info: ObjectInfo) -> float | None:
-    """Return the gripper opening for releasing a slim object among others [m], or None for the full opening."""
+    """Return the gripper opening for releasing a slim object between others [m], or None for the full opening."""
     least = min(info.size_m[0], info.size_m[1])
     return least + SLIM_OPENING_M if least < SLIM_M else None
 

@@ -1,4 +1,4 @@
-"""Registry of facts about worlds, which make it possible to read a run without the simulator of its world.
+"""Registry of facts about worlds. With these facts, a run can be read without the simulator of its world.
 
 The worlds that run trials are in :mod:`betterbench.sim.worlds`. Registering a world there registers its facts here.
 """
@@ -57,7 +57,7 @@ class WorldFacts:
         name: Name in plans and on the command line ("libero").
         title: Name in messages ("LIBERO").
         suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
-        reading: Way in which the diagnosis evaluates the records.
+        reading: How the diagnosis evaluates the records.
         measured: Whether the tasks are covered by certificates, the power matrix, calibrations and demonstrations, and
             a stored plan can be run again.
         statements: Statements that a report makes about the scenes and about the accuracy of the labels, by heading.

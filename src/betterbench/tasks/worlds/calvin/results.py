@@ -153,7 +153,7 @@ def _check(results: Sequence[ChainResult]) -> None:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
             problem = "occurs twice" if result.number in seen else (f"is not one of the {len(every)} chains")
-            raise InvalidInputError(where, problem, "List each chain once, by its index, which starts at 0")
+            raise InvalidInputError(where, problem, "List each chain once, by its index (starting at 0)")
         seen.add(result.number)
         if not result.played:
             continue

@@ -1,4 +1,4 @@
-"""Rollout of a CALVIN chain: five instructions in a row, until one of them fails."""
+"""Rollout of a CALVIN chain: up to five instructions one after the other, until one of them fails."""
 
 from __future__ import annotations
 
