@@ -84,7 +84,7 @@ class SubmittedTrial:
             )
         labels = {label.value: label for label in all_labels()}
         if self.label not in labels:
-            raise InvalidInputError(self.key, f"{self.label!r} is not a label of this version", _CURE)
+            raise InvalidInputError(self.key, f"{self.label!r} is not a label of this version of betterbench", _CURE)
         if self.success != (labels[self.label].kind is Kind.NONE):
             raise InvalidInputError(
                 self.key, f"success is {self.success}, which contradicts the label {self.label}", _CURE

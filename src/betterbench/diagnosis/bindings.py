@@ -34,7 +34,7 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """Word in the instruction for the first requested object, and words for the object that was attempted first.
+    """Instruction word for the first requested object, and the words for the object that was attempted first.
 
     Attributes:
         word: Word of the instruction for the first requested object.

@@ -110,7 +110,7 @@ class DiagnosisChanges:
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
     def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
-        """Return the trials whose difference is of one of the given kinds."""
+        """Return the trials with a difference of one of the given kinds."""
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:

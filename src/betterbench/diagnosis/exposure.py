@@ -38,7 +38,7 @@ class Exposure:
 
     @classmethod
     def of(cls, task_id: str, variation: str) -> Exposure:
-        """Look up a variation of a task, and return what its test condition can reveal.
+        """Return the exposure of a variation, looked up by the names of its task and the variation.
 
         Raises:
             UnknownNameError: If the task or variation does not exist.

@@ -54,7 +54,7 @@ class FailureMode:
     Attributes:
         label: Label of the mode.
         short: Name of one or two words, for bar charts.
-        definition: Condition that the record must meet, in one sentence (suite, section 5).
+        definition: Condition that the record must meet, in one sentence.
         conclusion: Conclusion about a policy whose failures are mostly of this mode, in one sentence.
         sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty string.
         finding: Beginning of the sentence that counts the trials with this mode. Empty if the mode yields no finding.

@@ -21,7 +21,7 @@ _SHOWN = 5
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence for each combination of a task and a failure mode that occurs.
+    """Return one sentence for each failure mode that occurs in a task.
 
     Reasoning failures come before execution failures, and frequent failure modes come first.
     """

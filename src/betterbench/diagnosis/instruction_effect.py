@@ -1,4 +1,4 @@
-"""Instruction effect: how often a different instruction changes the policy's first target (suite, section 4).
+"""Instruction effect: how often a different instruction changes the policy's first target.
 
 Random streams do not depend on the condition. Trials with the same seed therefore begin with the same scene if their
 conditions have the same objects in the same slots. A run thus contains pairs of trials that differ only in the

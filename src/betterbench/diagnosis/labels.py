@@ -1,4 +1,4 @@
-"""Choice of a trial's label from all the evidence in the trial (suite, section 5)."""
+"""Choice of a trial's label from all the evidence in the trial."""
 
 from __future__ import annotations
 

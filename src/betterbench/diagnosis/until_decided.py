@@ -18,7 +18,7 @@ class UntilDecided:
 
     Attributes:
         rule: Rule that determines when a variation is decided.
-        first_seeds: Seeds of the first round, which is played for every variation regardless of the outcomes.
+        first_seeds: Seeds of the first round, which is run for every variation regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
 
@@ -40,7 +40,7 @@ class UntilDecided:
 
     @property
     def summary(self) -> str:
-        """Sentence that states for how many variations each verdict was reached."""
+        """Sentence that states how many variations have each verdict."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"

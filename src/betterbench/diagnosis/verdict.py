@@ -87,8 +87,7 @@ class TrialDiagnosis:
             first attempt was correct, this is the attempted object, otherwise the first of ``intended_any``.
         intended_kind: Kind of that object.
         intended_any: Names of all objects at which a first attempt would be correct, ordered by subgoal and slot.
-        intention_correct: Whether the first attempt was at a requested object (suite, section 4). None if there is no
-            record.
+        intention_correct: Whether the first attempt was at a requested object. None if there is no record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
         attempts: All grasp attempts, in time order.
         evidence: Evidence that decided the label.

@@ -26,7 +26,7 @@ class RecordVersions:
     def found(self) -> dict[str, str]:
         """All versions by name. If a name has several values, they are joined by " | ".
 
-        The policy is only included if it has several values.
+        The name of the policy is only included if the records contain several names.
         """
         return {
             name: " | ".join(values)

@@ -161,7 +161,7 @@ class FinalPose(NamedTuple):
 class JointPoses:
     """Final poses of several objects that one demonstration left in the same place, such as a container.
 
-    Objects in a container lean on each other and on the walls, so that their poses belong together.
+    Objects in a container lean on each other and on the walls, so their poses are stored together.
 
     Attributes:
         target_kind: Kind of the target.

@@ -494,7 +494,7 @@ def _pairs(plan: Mapping[str, Any], key: str, second: str) -> Iterator[tuple[str
 
 
 def _safe(text: str) -> str:
-    """Return an untrusted text after removing characters that could lead out of a folder or control a terminal."""
+    """Return an untrusted string without the characters that could lead out of a folder or control a terminal."""
     return re.sub(r"[^\w.+-]", "_", text)[:100]
 
 

@@ -221,7 +221,7 @@ class EpisodeAnalysis:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals of the instruction, in their order."""
+        """Subgoals of the instruction, in order."""
         return self.condition.instruction.subgoals
 
     @property
@@ -505,7 +505,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Describe the steps of the instruction that are due at a row, by their words and their kinds of objects."""
+        """Describe the steps that are due at a row of the trace, by the words and the kinds of objects in them."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "none"
@@ -595,7 +595,7 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt was correct, or whether the policy correctly made none (suite, section 4).
+        """Return whether the first attempt was correct, or whether the policy correctly made none.
 
         An attempt at a wrong drawer makes the intention wrong, even if a correct object is grasped afterward.
 
@@ -615,7 +615,7 @@ class EpisodeAnalysis:
         return None if first.between is not None else first.target is AttemptTarget.ASKED
 
     def progress(self) -> float:
-        """Return the fraction of the requested subgoals that were completed in a valid order (suite, section 4).
+        """Return the fraction of the requested subgoals that were completed in a valid order.
 
         If the policy is expected to refuse, subgoals that cannot be achieved are left out. If it is expected to stay
         still, the subgoals that are done at the start must still be done at the end.
@@ -897,7 +897,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Compare an attempt with the steps that were due at row ``chosen``, at which the policy chose the target."""
+    """Compare an attempt with the steps that were due at row ``chosen``, when the policy chose its target."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}

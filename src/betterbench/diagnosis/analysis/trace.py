@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows of the trace in which an object was in a relation to a target, whether or not the instruction asks for it.
+    """Rows of the trace in which an object was in a relation to a target, whether or not the instruction requests this.
 
     Attributes:
         object: Index of the object.

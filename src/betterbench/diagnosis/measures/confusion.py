@@ -174,7 +174,7 @@ class Calibration:
 
     @property
     def failed_kinds(self) -> Rate:
-        """Fraction of trials whose label has the correct kind of failure, among those whose true label is a failure."""
+        """Fraction of trials labeled with the correct kind of failure, among those whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 

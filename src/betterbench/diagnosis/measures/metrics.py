@@ -1,4 +1,4 @@
-"""Metrics of a run (suite, section 4), with their counts and uncertainty."""
+"""Metrics of a run, with their counts and uncertainty."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class PowerCell:
     Attributes:
         k: Number of trials that succeeded.
         n: Number of trials.
-        right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
+        right: Number of trials whose first grasp attempt was at a requested object.
         shared: Number of trials that were not simulated, because the pretender makes the same decisions as the expert
             in them. The expert's outcome is used for these trials.
         wrong: Number of trials for each label of the first wrong decision. Empty for policies that do not report their
@@ -200,7 +200,7 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the faulty rules that fail a variation by a wrong decision that the variation is designed to expose.
+        """Return the faulty rules that fail a variation because of a wrong decision that it is designed to expose.
 
         A rule that passes the variation with a needless step is not included, since its success rate does not expose
         it.
@@ -372,7 +372,8 @@ def _key(text: str, where: str) -> Key:
     task, _, name = text.rpartition("/")
     if not task or not name:
         raise RecordError(
-            f"{where}: {text!r} is not the name of a variation. Measure the power matrix with `better calibrate --power`."
+            f"{where}: {text!r} is not the name of a variation. "
+            "Measure the power matrix with `better calibrate --power`."
         )
     return task, name
 

@@ -132,7 +132,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt takes the next object in the order of training, which was not requested."""
+    """Return evidence if an attempt takes the object that comes next in training, although it was not requested."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))

@@ -113,7 +113,7 @@ def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
 
 
 def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a drawer is shut for good before its content is inside."""
+    """Return evidence if a drawer is shut, and stays shut, before its content is inside."""
     trace = episode.trace
     pairs = [(goal, j) for goal in range(len(episode.goals)) for j in episode.fills(goal)]
     for goal, j in pairs:

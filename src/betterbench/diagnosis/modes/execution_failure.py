@@ -129,7 +129,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return evidence for an episode in which every attempt was correct although the goal was not met."""
+    """Return evidence for an episode in which every attempt was correct but the goal was not met."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
         text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
@@ -194,7 +194,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return two clauses: how the gripper closed between two objects, and why the target is therefore ambiguous."""
+    """Return two clauses. They state how the gripper closed between two objects, and why the target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -475,7 +475,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a finished subgoal was undone for good."""
+    """Return evidence if a finished subgoal was undone and not completed again."""
     trace = episode.trace
     found: list[tuple[int, int]] = []
     for g, goal in enumerate(episode.goals):

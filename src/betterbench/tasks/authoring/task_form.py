@@ -304,7 +304,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reader of a task in JSON, which finds objects and slots by name and names the path of the field in its errors."""
+    """Reads a task in JSON. Objects and slots are found by name, and errors contain the path of the field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id

@@ -64,7 +64,7 @@ class Protocol:
         base_steps: Control steps that every episode is allowed, in addition to the steps for its subgoals.
         steps_per_subgoal: Control steps that are allowed for each subgoal. Together with ``base_steps``, this allows
             about three times the expert's median number of steps, which is enough for a policy as slow as a human
-            teleoperator (suite, section 3).
+            teleoperator.
         still_steps: Number of control steps in an episode in which the correct behavior is to stay still.
     """
 

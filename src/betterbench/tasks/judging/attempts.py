@@ -38,11 +38,11 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    Closing the gripper is not an attempt if it happens at the home position or far from all objects, if the fingers hardly move, or
-    if the gripper already holds the object. If the gripper opens only briefly while it closes (chatter), this is still
-    a single attempt. An object that is lifted between the fingers was attempted, regardless of the gripper command. An
-    object on which a finger presses was attempted too, regardless of other objects nearby. Without contact, distances
-    decide which object was attempted.
+    Closing the gripper is not an attempt if it happens at the home position or far from all objects, if the fingers
+    hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
+    (chatter), this is still a single attempt. An object that is lifted between the fingers was attempted, regardless of
+    the gripper command. An object on which a finger presses was attempted too, regardless of other objects nearby.
+    Without contact, distances decide which object was attempted.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -368,7 +368,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Return whether the gripper closes near the table and away from its home position, with the arm in place."""
+    """Return whether the gripper closes in one place, near the table and away from its home position."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False

@@ -109,8 +109,8 @@ class Targets:
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
         """Return the region in which each tracked object is, whatever its posture.
 
-        For a wide relation such as "beside", an object may be in the region without having been brought there. In this
-        case, it only counts if it passes the relation's looser check, whose region is smaller.
+        For a wide relation such as "beside", an object may be in the region without having been brought there. For such
+        a relation, the object only counts if it passes a looser check with a smaller region.
 
         Args:
             state: The state.

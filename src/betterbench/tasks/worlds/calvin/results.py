@@ -106,8 +106,8 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
     """Summarize the results of a run on CALVIN chains.
 
     Raises:
-        InvalidInputError: If there is no chain, if a chain occurs twice, or if a result contains other subtasks than
-            its chain.
+        InvalidInputError: If there is no chain, if a chain occurs twice, or if a result contains subtasks other than
+            those of its chain.
     """
     _check(results)
     n = len(results)
