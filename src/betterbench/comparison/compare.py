@@ -167,7 +167,8 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
-    # A label that no policy shows cannot differ. Leaving it out of the correction does not depend on any difference.
+    # A label that occurs for no policy cannot differ. It can be left out of the correction, because this decision does
+    # not depend on any difference between policies.
     shown = {t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED)}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 

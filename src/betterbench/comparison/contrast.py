@@ -24,9 +24,8 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Largest number of trials of a policy for which Boschloo's test is used, which takes 2 s at this size.
-
-For larger samples, Barnard's test is used, whose results are very similar.
+"""Largest number of trials of a policy for which Boschloo's test is used. The test takes 2 s at this size. For larger
+samples, Barnard's test is used, which gives very similar results.
 """
 
 
@@ -158,7 +157,7 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with True if it has the outcome that is counted."""
+"""Trials, each with a flag that is True if the trial has the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:

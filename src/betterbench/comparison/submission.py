@@ -32,7 +32,7 @@ SUBMISSION_SCHEMA_VERSION = 1
 """Version of the file format. It is increased when an earlier version would misread a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
-_CURE = "Give the folder of a run, or a file written by better export"
+_CURE = "Pass the folder of a run, or a file written by `better export`"
 
 Line = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")]
 Text = Annotated[str, Field(max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
@@ -207,7 +207,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
         _FORM,
         form,
         where=str(run.path),
-        cure="Give a --name of 1 to 400 printable characters",
+        cure="Use a --name of 1 to 400 printable characters",
     ).sealed()
 
 

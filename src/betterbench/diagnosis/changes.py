@@ -24,7 +24,7 @@ Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """
 
 _SAME_TIME = 1e-6
-"""Largest difference between two times that still counts as none [s]. A control step is 0.05 s."""
+"""Times that differ by at most this much are treated as equal [s]. A control step is 0.05 s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ PLUS_NOTE = (
 )
 """Note that is added to every diagnosis of a run in LIBERO-Plus."""
 
-TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
+TWINS_CURE = "run the base suite with the same initial-state indices, and pass that run with --twins"
 
 BASE = "base"
 """Name of the only training condition of a task."""
@@ -138,7 +138,7 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
     if not told:
         return ""
     each = "it" if len(told) == 1 else "each"
-    return f"run {listed(told)} by the same policy, and diagnose {each} with --twins naming the run of its base suite"
+    return f"run {listed(told)} with the same policy, and diagnose {each} with --twins and the run of its base suite"
 
 
 def suite_of(task: str) -> str:

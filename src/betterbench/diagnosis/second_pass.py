@@ -50,7 +50,7 @@ _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
 """Variants of a confused order: the policy begins with any later step, with the next step, or with the last step."""
 
 _PSEUDOCOUNT = 0.5
-"""Count of tasks that each kind of rule has before any task is seen (Jeffreys' prior of a multinomial)."""
+"""Prior number of tasks for each kind of rule (Jeffreys' prior of a multinomial)."""
 _EM_STEPS = 200
 
 _Attempts = Mapping[str, Mapping[str, Choice]]

@@ -106,7 +106,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
     digests = {task: hashlib.sha256(content).hexdigest() for task, content in contents.items()}
     head = {"schema_version": 1, "name": name, "tasks": digests}
     read_form(
-        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and give at least one task"
+        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and list at least one task"
     )
     files = {HEAD: dump_json(head) + b"\n"}
     files |= {f"{TASKS}/{task}.json": content for task, content in contents.items()}
@@ -122,7 +122,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)
-    cure = f"Give a folder with a {HEAD}"
+    cure = f"Pass a folder that contains {HEAD}"
     head = read_form(_HEAD, read_bounded(folder / HEAD, max_bytes=_MOST_BYTES, cure=cure), where=where, cure=_CURE)
     files = []
     for task, digest in sorted(head.tasks.items()):

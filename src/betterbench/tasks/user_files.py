@@ -80,7 +80,7 @@ class TaskFile:
         Raises:
             InvalidInputError: If the file does not exist, or is not UTF-8 text.
         """
-        cure = "Give the path of a task file"
+        cure = "Pass the path of a task file"
         try:
             found = Path(os.path.realpath(path))
             text = read_bounded(found, max_bytes=_MAX_SOURCE_BYTES, cure=cure).decode("utf-8")
@@ -96,7 +96,7 @@ class TaskFile:
         Raises:
             InvalidInputError: If the folder does not exist, or contains no imported assets.
         """
-        cure = "Give a folder written by better assets import"
+        cure = "Pass a folder written by `better assets import`"
         found = Path(os.path.realpath(folder))
         where = f"--asset-dir {folder}"
         if not found.is_dir():

@@ -232,7 +232,7 @@ class Calibration:
         Raises:
             RecordError: If a field is missing or malformed, or the checksum does not match.
         """
-        cure = "Run better calibrate again to write a new file"
+        cure = "Run `better calibrate` again to write a new file"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
         file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         return cls(

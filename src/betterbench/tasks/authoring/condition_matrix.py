@@ -64,7 +64,7 @@ class ConditionMatrix:
         where = f"{self.horizon.value}-horizon matrix"
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:
-            cure = "Give one cell for each pair of states, row by row"
+            cure = "List one cell for each pair of states, row by row"
             raise InvalidInputError(
                 where, f"the matrix has {len(self.cells)} cells that do not match the nine pairs of states", cure
             )

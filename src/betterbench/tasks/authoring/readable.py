@@ -11,7 +11,7 @@ from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
 
 LONGEST_TEXT = 2000
-"""Largest number of characters in a text of a task, such as the instruction."""
+"""Maximum length of a text in a task, such as the instruction [characters]."""
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 

@@ -231,7 +231,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
         form["robot"] = task.robot
     if task.matrices:
         form["matrices"] = [asdict(matrix) for matrix in task.matrices]
-    plain: dict[str, Any] = json.loads(json.dumps(form))  # lists for tuples, texts for enumerations
+    plain: dict[str, Any] = json.loads(json.dumps(form))  # lists for tuples, strings for enumerations
     return plain
 
 

@@ -17,7 +17,7 @@ from betterbench.tasks.judging.targets import Places, Targets
 from betterbench.tasks.judging.truth import Truth
 
 _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
-"""Marks for parts of the state that are not single bodies: the held object, all poses, and always different fields."""
+"""Marks for parts of the state that are not single bodies: the held object, all poses, and ever-changing fields."""
 
 
 class JudgingMemory:

@@ -77,7 +77,7 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
     Return None if the object is tilted or off center.
     """
     info, middle = state.info.object(name), state.position(base)
-    # Distant objects are sorted out early: `reach` bounds the distance between the origin of an object and the centers
+    # Distant objects are ruled out early: `reach` bounds the distance between the origin of an object and the centers
     # of its faces.
     reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
     if horizontal_distance(state.position(name), middle) > OFFSET + reach:

@@ -23,7 +23,7 @@ OVERLAP = threshold(
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
-"""Difference between the lowest points of two objects from which one counts as above the other [m]."""
+"""An object is above another one if its lowest point is higher by at least this distance [m]."""
 _ROUNDING_M = 1e-9
 """Margin that is larger than the rounding error of a distance [m]."""
 

@@ -19,7 +19,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""Way in which the diagnosis evaluates the records of a world.
+"""How the diagnosis evaluates the records of a world.
 
 - "conditions": with the conditions of betterbench's own tasks.
 - "goals": with the goals and starts in LIBERO's files.
