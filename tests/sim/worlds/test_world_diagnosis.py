@@ -147,8 +147,8 @@ def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_p
     assert "No films: only variation trials are filmed, and these 6 records are of training." in told
     assert "has a record" not in told
     (verdict,) = built.verdicts
-    assert "run libero_object_swap by the same policy" in verdict
-    assert "run libero_object_swap by the same policy" in html.unescape(built.page.read_text())
+    assert "run libero_object_swap with the same policy" in verdict
+    assert "run libero_object_swap with the same policy" in html.unescape(built.page.read_text())
     swap = evaluate(plan_of("noop", trials=1, steps=12), tmp_path / "swap", workers=1, envs=1)
     assert not any("libero_object_swap" in note for note in diagnose_run(swap).notes)
 
@@ -156,7 +156,10 @@ def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_p
 @pytest.mark.parametrize(
     ("tasks", "told"),
     [
-        (["libero_object-03", "libero_10-00", "libero_object-01"], "run libero_object_swap and libero_10_swap by the "),
+        (
+            ["libero_object-03", "libero_10-00", "libero_object-01"],
+            "run libero_object_swap and libero_10_swap with the ",
+        ),
         (["libero_90-07"], ""),  # LIBERO-PRO does not change it
         ([], ""),
         (["fast_food"], ""),
