@@ -86,7 +86,7 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return a run folder from which the name of a compared run can be read.
+    """Return a run folder that contains the name of a compared run.
 
     For a submission, this is a stand-in that contains only the policy's address and name.
     """

@@ -260,7 +260,7 @@ def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount
         where, there, stated = difference
         raise RunConflictError(
             f"{where} is {there} according to the records of {run.path}, but the submission states {stated}. "
-            "Export the run again, or ask for the run from which the submission was made."
+            "Export the run again, or ask for the original run."
         )
 
 

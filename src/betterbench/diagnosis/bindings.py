@@ -101,7 +101,7 @@ def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
 
 
 def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
-    """Return the confused words, each with the word for which the policy mistakes it.
+    """Return the confused words, each with the word that the policy mistakes it for.
 
     Each confused word needs evidence from two trials. If two words are mistaken for each other, one trial for each of
     them is enough.

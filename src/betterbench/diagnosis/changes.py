@@ -137,7 +137,7 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield each key for which two mappings have different values, with both values.
+    """Yield each key with different values in two mappings, together with both values.
 
     The keys are in the order of the new mapping.
     """

@@ -16,7 +16,7 @@ class Decider:
     """Cues that explain the first targets of a policy that ignores the instruction.
 
     Attributes:
-        names: Cues, each of which explains the first attempts on its own. Empty if no known cue explains them.
+        names: Cues that each explain the first attempts on their own. Empty if no known cue explains them.
     """
 
     names: tuple[str, ...]
@@ -61,7 +61,7 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 def _by_place(attempts: Sequence[Choice]) -> bool:
     """Return whether nearly all attempts are at the policy's favorite slot.
 
-    In trials in which the favorite slot is empty, attempts at the second favorite slot count.
+    If the favorite slot is empty in a trial, an attempt at the second favorite slot counts instead.
     """
     rest, followed = list(attempts), 0
     while rest:

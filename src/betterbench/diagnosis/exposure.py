@@ -22,11 +22,11 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Test condition of a variation, with the condition from which it is derived and the task's training distribution.
+    """Test condition of a variation, with its original training condition and the task's training distribution.
 
     Attributes:
         task: The task.
-        base: Training condition from which the variation is derived.
+        base: Training condition that the variation is derived from.
         test: Test condition.
         trained: Training distribution of the task.
     """
@@ -53,7 +53,7 @@ class Exposure:
         return self.test.instruction.subgoals
 
     def slots(self, goal: Subgoal) -> set[str]:
-        """Return the starting slots of the objects to which a subgoal refers."""
+        """Return the starting slots of the objects that a subgoal refers to."""
         return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
 
     @property
@@ -83,7 +83,7 @@ class Exposure:
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
-        """Return the kinds of the objects to which a subgoal refers."""
+        """Return the kinds of the objects that a subgoal refers to."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
 
     @property

@@ -1,4 +1,4 @@
-"""Favorite kind of object of a policy, determined in worlds in which every task has its own scene.
+"""Favorite kind of object of a policy, determined in worlds where every task has its own scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether the policy uses it
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so there are no such pairs

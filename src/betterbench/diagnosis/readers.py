@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the name of the group in which a trial's rules are judged together with those of other trials.
+        """Return the group of a trial. Decision rules are judged for all trials of a group together.
 
         This is the task, or the suite if each task of the suite has only one instruction.
         """
@@ -59,7 +59,7 @@ class Reader(Protocol):
 
 
 class OwnReader:
-    """Reader of runs in betterbench's own scenes, whose tasks define conditions and training distributions."""
+    """Reads runs in betterbench's own scenes. Their tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
     twins_cure = "run their training conditions with the same seeds"
@@ -97,7 +97,7 @@ class OwnReader:
 
 
 class LiberoReader(libero.LiberoRun):
-    """Reader of runs in LIBERO and LIBERO-Plus.
+    """Reads runs in LIBERO and LIBERO-Plus.
 
     It reads the goals from task files, and the training data from the base suite.
     """
@@ -126,7 +126,7 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world in which only the outcome of each trial is judged.
+    """Reads runs in a world where only the outcome of each trial is judged.
 
     Attributes:
         title: Name of the world in messages.

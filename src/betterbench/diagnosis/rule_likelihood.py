@@ -36,14 +36,13 @@ class PolicyRule:
     """Decision rule, fitted to all first attempts of a policy in a task.
 
     Attributes:
-        name: "word", "habit", "later", "place:SLOT", or "place" if the preferred slot depends on which slots are
-            occupied.
+        name: "word", "habit", "later", "place:SLOT", or "place" if the preferred slot depends on the occupied slots.
         cost: Negative log-likelihood at the best strength, plus the prior costs of the rule and of its kind [nats].
         strength: Best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
-        opportunities: Number of trials in which the rule predicts a wrong first attempt.
-        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a correct one.
-        elsewhere: Number of trials for which the rule predicts a correct first attempt.
+        opportunities: Number of trials where the rule predicts a wrong first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials where the rule predicts a correct one.
+        elsewhere: Number of trials where the rule predicts a correct first attempt.
     """
 
     name: str

@@ -21,7 +21,7 @@ class Ruling:
     """Result of the second pass for one trial: for each kind of decision rule, whether it explains the trial.
 
     Attributes:
-        shortcut: Whether the rule "go to the slot to which the word led in training" explains this trial.
+        shortcut: Whether the rule "go to the slot where the word led in training" explains this trial.
         place: Whether the rule "always go to the same slot" explains this trial. The status is "open" if the run is too
             small to prove this rule for any policy.
         habit: Whether the rule "begin with the most frequent first step" may explain this trial. A single trial is

@@ -34,8 +34,8 @@ class TaskRules:
         upheld: Names of the rules that explain the attempts better than confusion does and can be told from similar
             rules.
         rulings: Ruling on each trial, by trial key.
-        undecided: Number of trials with a wrong first attempt for which the run is too small to prove a rule, or to
-            tell it from another rule.
+        undecided: Number of trials with a wrong first attempt where the run is too small to prove a rule, or to tell it
+            from another rule.
     """
 
     rules: tuple[PolicyRule, ...]

@@ -1,4 +1,4 @@
-"""First pass of the diagnosis, in which each trial is diagnosed from its record alone.
+"""First pass of the diagnosis: each trial is diagnosed from its record alone.
 
 It also prepares the input of the second pass.
 """
@@ -43,18 +43,17 @@ class Choice:
     Attributes:
         layout: Slots that contained an object at the start, each with the kind of this object. Trials with the same
             layout are compared.
-        right: Slots at which the first attempt would be correct. Empty if no object should be grasped.
+        right: Slots where the first attempt would be correct. Empty if no object should be grasped.
         slot: Slot of the first attempt, or None if there was no attempt.
         correct: Whether the first attempt was correct, or whether the policy correctly made no attempt.
-        word_slots: Slots from which training picked the object of the relevant word of the instruction.
+        word_slots: Slots where training picked up the object that the relevant word of the instruction refers to.
         habit_slots: Slots of the most frequent first step. Empty if training has no such step.
         later_slots: Slots of the objects of later steps. Empty if the instruction leaves the order free.
         places: Number of slots with a graspable object.
         thing: Kind of the object in the slot of the first attempt, or "" if there is none.
         color: Color of that object.
         nearest: Slot of the object that was nearest to the gripper at the start. Empty if no slot contained an object.
-        favorite_slots: Slot that the policy may prefer in trials in which the same slots are occupied. The second pass
-            sets it.
+        favorite_slots: Slot that the policy may prefer in trials with the same occupied slots. The second pass sets it.
         step_slots: For each later step, in order, the slots of its objects.
         replaced: Whether the habit leads to the slot of the first attempt, but this slot contained a different object.
             If so, a single trial does not show the habit.
@@ -183,7 +182,7 @@ def offline_truth(record: Record) -> list[Truth]:
 
 
 def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
-    """Return the condition under which a record was made."""
+    """Return the condition of the trial in a record."""
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 

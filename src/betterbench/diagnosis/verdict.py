@@ -45,8 +45,8 @@ class Attempt:
     Closing the gripper far from all objects also counts as an attempt, which then has neither an object nor a slot.
 
     Attributes:
-        start_s: Time at which the gripper begins to close [s].
-        end_s: Time at which the gripper is closed [s].
+        start_s: Time when the gripper begins to close [s].
+        end_s: Time when the gripper is closed [s].
         object: Name of the grasped object, or None if the gripper closed without an object.
         slot: Nearest slot, or None if no slot is near.
         result: "target" (an object that was requested at that time), "distractor" (any other object) or "null" (no
@@ -86,7 +86,7 @@ class TrialDiagnosis:
         intended: Name of the object that should be attempted first, or None if no attempt would be correct. If the
             first attempt was correct, this is the attempted object, otherwise the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: Names of all objects at which a first attempt would be correct, ordered by subgoal and slot.
+        intended_any: Names of all objects that would be correct to attempt first, ordered by subgoal and slot.
         intention_correct: Whether the first attempt was at a requested object. None if there is no record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
         attempts: All grasp attempts, in time order.
@@ -142,7 +142,7 @@ class TrialDiagnosis:
 
     @property
     def kind(self) -> Kind:
-        """Kind of outcome to which the label belongs, such as a reasoning failure."""
+        """Kind of outcome that the label belongs to, such as a reasoning failure."""
         return self.label.kind
 
     @property
@@ -152,7 +152,7 @@ class TrialDiagnosis:
 
     @property
     def pool(self) -> str:
-        """Name of the condition under which the trial is counted: the variation or the training condition.
+        """Name of the condition that the trial is counted for: the variation or the training condition.
 
         In LIBERO-Plus, this is the axis, because each variant is run only once.
         """
@@ -282,7 +282,7 @@ class RunDiagnosis:
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return a copy of the diagnosis in which the policy has a different name, in all trials."""
+        """Return a copy of the diagnosis with a different policy name in all trials."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 

@@ -20,7 +20,7 @@ class Axis(StrEnum):
 
     @classmethod
     def of(cls, variation: str) -> Axis:
-        """Return the axis to which a variation belongs, given by the first letter of its name.
+        """Return the axis of a variation, given by the first letter of its name.
 
         Raises:
             ValueError: If the name does not begin with L, R, O or T.

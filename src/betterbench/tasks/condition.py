@@ -128,7 +128,7 @@ class Condition:
         return None
 
     def resolve(self, reference: Reference) -> tuple[str, ...]:
-        """Return the names of the objects to which a reference may refer, in a stable order."""
+        """Return the names of the objects that a reference may refer to, in a stable order."""
         if reference.slot is not None:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)

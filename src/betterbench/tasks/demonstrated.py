@@ -57,7 +57,7 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Points at which demonstrations released objects at one target region.
+    """Points where demonstrations released objects at one target region.
 
     Attributes:
         slot: Slot of the target, or of the object that carries the target.
@@ -288,7 +288,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Context manager in which a task has the given measurements.
+    """Context manager that makes a task use the given measurements.
 
     This is needed while demonstrations are measured, because earlier demonstrations determine the start of later ones.
     """
@@ -352,7 +352,7 @@ def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence
 
 
 def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
-    """Return the index of the demonstration from which objects that start together at a target take their poses.
+    """Return the index of the demonstration that determines the poses of objects starting together at a target.
 
     The index is below ``count`` and is drawn from the random stream of the trial.
     """

@@ -69,7 +69,7 @@ Only names are listed that did not move together with their package.
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:
-    """Return the syntax tree of a user's file, in which former names in imports are replaced by present names.
+    """Return the syntax tree of a user's file, with former names in imports replaced by present names.
 
     Line numbers are kept. Names that still exist are not changed.
 

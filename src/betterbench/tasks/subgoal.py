@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of an instruction to an object, either by a description or by the slot in which the object starts.
+    """Reference of an instruction to an object, either by a description or by the slot where the object starts.
 
     Attributes:
         kind: Kind of the object ("burger", "red mug"), or None.
-        slot: Slot in which the object starts ("far"), or None. Exactly one of ``kind`` and ``slot`` is given.
+        slot: Slot where the object starts ("far"), or None. Exactly one of ``kind`` and ``slot`` is given.
     """
 
     kind: str | None = None

@@ -65,7 +65,7 @@ class TaskFile:
         path: Absolute path on the machine that read the file first.
         source: Text of the file.
         demonstrations: Text of the file with the measured demonstrations, or None if there is no such file.
-        suite: Suite folder with which the file was loaded, or None.
+        suite: Suite folder that the file was loaded with, or None.
     """
 
     path: str
@@ -504,7 +504,7 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Context manager in which a file is the origin of everything that is registered.
+    """Context manager that makes a file the origin of everything that is registered.
 
     At the end, its tasks are built as a check.
     """

@@ -39,7 +39,7 @@ class SuiteRun:
         policy: Name of the policy. Runs with the same name belong to one policy.
         path: Folder of the run.
         suite: Name of the suite.
-        base: Suite from which this suite is derived, or this suite itself.
+        base: Suite that this suite is derived from, or this suite itself.
         change: Change that was made to the base suite ("swap", "resampled"), or None.
         protocol: Published evaluation protocol that the run follows. Empty for betterbench's own suite.
         versions: Versions of the world's packages. Results with different versions cannot be compared.

@@ -64,7 +64,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the intervals in which the open gripper stays over an object after row ``first``, in time order.
+    """Return the intervals after row ``first`` during which the open gripper stays over an object, in time order.
 
     Objects that are already at a target region, or on the floor, are left out.
     """
@@ -85,7 +85,7 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first interval in which the gripper stays over the object that the policy chose.
+    """Return the first interval during which the gripper stays over the object that the policy chose.
 
     The choice is inferred from how long the gripper stays over each object. Return None if this does not show a choice.
 
@@ -134,7 +134,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the index of the object to which the open gripper descends far enough to grasp it, or None.
+    """Return the index of the object that the open gripper comes down to, low enough to grasp it, or None.
 
     Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
     only rarely be within reach of other objects.
@@ -159,7 +159,7 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height [m] below which the gripper is low enough to grasp an object, for each row of the trace (T,).
+    """Return the maximum height [m] at which the gripper can grasp an object, for each row of the trace (T,).
 
     This is the height of the object's top, or a fixed height above the object's base if the object is flatter than
     that.
@@ -190,7 +190,7 @@ def lowered(heights: Floats) -> float:
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row of the trace between which the open gripper keeps returning to an object.
+    """Return the first and last row of the interval during which the open gripper keeps returning to an object.
 
     Return None if the gripper does not move over the object, away from it and back often enough.
     """
@@ -203,7 +203,7 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row of an attempt in which the fingers closed only partly around an object, or None.
+    """Return the first and last row of an attempt that closed the fingers only partly around an object, or None.
 
     In such an attempt, the fingers come closer together around the object but never touch it, and the gripper rises
     again.
@@ -223,7 +223,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row between which the open gripper repeatedly comes down on an object and rises again.
+    """Return the first and last row while the open gripper repeatedly comes down on an object and rises again.
 
     Return None if this does not happen often enough. Contacts of a closed gripper do not count, and neither do contacts
     with an object that is between the fingers.
@@ -255,10 +255,10 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
-    """Return the rows between which the empty gripper moves back and forth until the end of the episode, or None.
+    """Return the first and last row of the empty gripper's final back-and-forth motion, or None if there is none.
 
-    The interval does not include the approach to the region in which the gripper moves back and forth. It does not
-    include the rows in which the opening fingers still hold the last object either.
+    This motion lasts until the end of the episode. The interval includes neither the approach to the region of this
+    motion nor the rows where the opening fingers still hold the last object.
     """
     holding = np.flatnonzero(trace.held[first:] >= 0)
     first += int(holding[-1]) + 1 if holding.size else 0
@@ -331,7 +331,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
-    """Return the first row, at or after the given row, at which an object is out of the gripper's reach."""
+    """Return the first row, starting with the given row, where an object is out of the gripper's reach."""
     while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
         row += 1
     return min(row, trace.rows)
@@ -410,7 +410,7 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper, in an interval in which it is over an object, merely passes over it.
+    """Return whether a gripper that is over an object merely passes over it.
 
     It only passes if it leaves after a short time, or on a different side than it came from. If the episode ends while
     the gripper is over the object, it only passes if it is still moving in a straight line.
@@ -439,7 +439,7 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move.
+    """Return the row where an object begins to move.
 
     The returned row is never later than the first recorded touch. A touch that lasts less than a control step is not
     recorded, but it can be seen in the object's motion.

@@ -118,8 +118,8 @@ class EpisodeAnalysis:
         steps: All grasp attempts, in time order.
         harm: Harm to objects that were not requested, in time order.
         others: Approaches to an object in which the gripper does not close, in time order.
-        on_nothing: Occasions on which the gripper closed far from all objects or next to an empty slot, in time order.
-        fists: Occasions on which the empty gripper closed in order to push a drawer shut, in time order.
+        on_nothing: Closings of the gripper far from all objects or next to an empty slot, in time order.
+        fists: Closings of the empty gripper that were meant to push a drawer shut, in time order.
         state: Function that returns the world state at a row of the trace. If None, placements are judged only by the
             target regions in the record.
         found_once: Results cached by :func:`once_per_episode`.
@@ -203,7 +203,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row of the trace at which the last grasp and its effects end, or 0 if the gripper never closed.
+        """Row of the trace where the last grasp and its effects end, or 0 if the gripper never closed.
 
         Closing the gripper on nothing counts as a grasp here.
         """
@@ -226,7 +226,7 @@ class EpisodeAnalysis:
 
     @property
     def asked_indices(self) -> frozenset[int]:
-        """Indices of all objects to which the instruction may refer."""
+        """Indices of all objects that the instruction may refer to."""
         return frozenset(i for names in self.meant for i in names)
 
     @property
@@ -302,7 +302,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the row at which the object of an attempt left the gripper, and the row at which it came to rest.
+        """Return the rows where the object of an attempt left the gripper and where it came to rest.
 
         Returns:
             The two rows of the trace, or None if the attempt grasped no object or the gripper still holds it at the
@@ -343,13 +343,13 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region in which an object was placed contrary to the instruction, and when this happened.
+        """Return where and when an object was placed contrary to the instruction.
 
         If an object was deliberately released at a region, it counts as placed there in any posture.
 
         Returns:
-            The row at which the object was released, the row at which it came to rest, and the region. None if the
-            object was not placed in a region that contradicts the instruction.
+            The rows where the object was released and where it came to rest, and the region. None if the object was not
+            placed in a region that contradicts the instruction.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -361,7 +361,7 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the wrong region in which an object was set down in any posture, or None if there is no such region.
+        """Return the wrong region where an object was set down, in any posture, or None.
 
         An object counts as set down if the gripper released it there. It also counts if it stood there before it
         slipped out of the closed gripper or was dragged away. If the object is in a requested region, the result is
@@ -399,7 +399,7 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
-        """Return the first row at which a carried object stood on a support, or an empty tuple.
+        """Return the first row where a carried object stood on a support, or an empty tuple.
 
         The row is returned as a tuple with one element. For example, a jar that jams at the edge of its hole counts as
         standing there, even if the closed gripper then drags it away.
@@ -430,11 +430,11 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a requested object was placed, and when this happened.
+        """Return the wrong region where a requested object was placed, and when this happened.
 
         Returns:
-            The row at which the object was released, the row at which it came to rest, and the region. None if the
-            object was placed in the correct region at any time, or was placed outside all target regions.
+            The rows where the object was released and where it came to rest, and the region. None if the object was
+            placed in the correct region at any time, or was placed outside all target regions.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
@@ -471,7 +471,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which this kind of object stands in training, except where this object starts."""
+        """Return the slots that contain this kind of object in training, except the slot where this object starts."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -556,7 +556,7 @@ class EpisodeAnalysis:
         return place_words(self.kind(target), region)
 
     def asked_where(self, step: Step) -> str:
-        """Describe the target region to which the object of an attempt should be brought."""
+        """Describe the target region that the object of an attempt should be brought to."""
         if step.goal is None:
             return "elsewhere"
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
@@ -578,7 +578,7 @@ class EpisodeAnalysis:
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the indices of the objects at which a first attempt would be correct.
+        """Return the indices of the objects that would be correct to attempt first.
 
         If the policy attempted a correct object first, this object is listed first. The others are ordered by subgoal
         and slot, so that neither their names nor their order in the scene matter.
@@ -710,7 +710,7 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether a gripper that closed at an empty slot may have missed an object elsewhere.
 
-    The gripper may have missed an object if that object is about as near as the point at which demonstrations close the
+    The gripper may have missed an object if that object is about as near as the point where demonstrations close the
     gripper in this slot, or at least as near in the view from above. The view from above is considered because a
     gripper that closes above the rim of a plate has missed the plate, whatever its height. If the slot contains an
     object, or if training never picks from this slot, only the distance to the center of the slot is considered.
@@ -728,7 +728,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects at which an attempt would be correct.
+    """Return the objects that would be correct to attempt.
 
     These are the objects requested now, and the drawers that block them.
     """
@@ -741,7 +741,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
     A weak grip shows which object the policy wants, but is not a grasp attempt. In a weak grip, the fingers hardly move
     although the policy commands them to close for a long time. It is also a weak grip if the fingers repeatedly close
-    partly around the object and open again. Objects at which there was a grasp attempt are left out.
+    partly around the object and open again. Objects with a grasp attempt are left out.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -827,7 +827,7 @@ def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the indices of the objects at which an attempt would be correct for a subgoal.
+    """Return the indices of the objects that would be correct to attempt for a subgoal.
 
     These are the objects of the subgoal itself, and the drawers that must be moved first.
     """
@@ -844,7 +844,7 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the drawer into which a subgoal puts an object, if the attempt grasped this drawer without pushing it in.
+    """Return the drawer that a subgoal puts an object into, if the attempt grasped this drawer without pushing it in.
 
     Returns:
         Set with the index of the drawer, or an empty set if the attempt did something else.
@@ -884,7 +884,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before the given row, at which all steps that are due now were done.
+    """Return the last row, shortly before the given row, when all steps that are due now were done.
 
     There is such a row if a finished step was undone. Otherwise, return None.
     """

@@ -151,9 +151,9 @@ def _in_place_from(trace: Trace) -> int:
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
-    """Return the last row at which an attempt shows that the arm has not halted.
+    """Return the last row where an attempt shows that the arm has not halted.
 
-    This is the row at which the grasp ends. If the gripper then carried the object away, it is the row of the release.
+    This is the row where the grasp ends. If the gripper then carried the object away, it is the row of the release.
     """
     release = step.grasp.release
     if not step.grasp.secured or release >= trace.rows:

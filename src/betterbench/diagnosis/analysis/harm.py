@@ -22,7 +22,7 @@ FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
 
 
 class DatedHarm(NamedTuple):
-    """Harm to an object, with the row of the trace at which it first appears.
+    """Harm to an object, with the row of the trace where it first appears.
 
     For an object that was left at a wrong target, this is the last row of the trace.
     """
@@ -34,7 +34,7 @@ class DatedHarm(NamedTuple):
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
     """Return all harm in a record, in time order.
 
-    The goal tracker is only given the rows at which its verdict can change. As in the trace, objects are identified by
+    Only the rows that can change the verdict are passed to the goal tracker. As in the trace, objects are identified by
     kind and slot, so their names do not matter.
     """
     info, template = trace.info, get_task(condition.task).template

@@ -82,7 +82,7 @@ def runs_of(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _window(rows: int, rate_hz: float) -> int:
-    """Return the number of control steps over which the gripper's speed is averaged."""
+    """Return the number of control steps for averaging the gripper's speed."""
     return min(steps_in(THRESHOLDS.stillness_window, rate_hz), max(1, rows - 1))
 
 

@@ -180,9 +180,9 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     per task and the gaps per condition.
 
     Args:
-        trials: The trials from which the gaps are computed.
-        stopped: All trials of a run with ``--until-decided``, from which the gaps of single variations are computed.
-            None for other runs.
+        trials: The trials for computing the gaps.
+        stopped: All trials of a run with ``--until-decided``, which are used for the gaps of single variations. None
+            for other runs.
     """
     pairs = twins(trials)
     if not pairs:

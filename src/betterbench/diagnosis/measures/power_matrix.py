@@ -111,7 +111,7 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a policy that lacks an input, such as the images, on a variation in which the robot has to act.
+    """Results of a policy that lacks an input, such as the images, on a variation that requires the robot to act.
 
     Attributes:
         pretender: Name of the policy.

@@ -40,7 +40,7 @@ class Likeness:
 
     Attributes:
         pretender: Name of the pretender.
-        agreement: Fraction of the run's trials in which both policies have the same outcome (success or failure).
+        agreement: Fraction of the run's trials with the same outcome (success or failure) for both policies.
         low: Lower end of the 95 % confidence interval, from a bootstrap over variations.
         high: Upper end of the interval.
     """

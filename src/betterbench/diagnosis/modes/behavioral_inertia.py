@@ -119,7 +119,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if the attempted object is not due, but is of the kind with which most demonstrations begin."""
+    """Return evidence if the attempted object is not due, but most demonstrations begin with this kind of object."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -215,7 +215,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper moves the drawer into which the requested object was put in training."""
+    """Return evidence if the gripper moves the drawer where the requested object was put in training."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
     if not episode.trace.is_drawer(step.at):
@@ -232,7 +232,7 @@ def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper closes at an empty slot from which training picked an object."""
+    """Return evidence if the gripper closes at an empty slot where training picked up an object."""
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
         return None

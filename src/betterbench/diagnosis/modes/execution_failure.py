@@ -457,7 +457,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
     If the gripper knocks an object aside and then closes on it, the object was the target, and the evidence gets the
     time of this attempt. If the harm was done by opening a drawer to reach a wrong object, the evidence gets the time
-    at which this object was chosen.
+    when this object was chosen.
     """
     if not episode.harm:
         return None

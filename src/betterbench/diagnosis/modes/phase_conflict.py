@@ -141,7 +141,7 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the kinds of objects over which the gripper moves back and forth, as phrases.
+    """Return phrases for the kinds of objects that the gripper moves back and forth over.
 
     The result is empty if there is only one kind.
     """

@@ -48,7 +48,7 @@ class ConditionMatrix:
     """Matrix of a task's conditions, arranged by the initial states of two objects.
 
     Attributes:
-        horizon: Matrix of the paper to which this one corresponds.
+        horizon: Matrix of the paper that this one corresponds to.
         rows: Object whose states define the rows.
         columns: Object whose states define the columns.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.
@@ -74,5 +74,5 @@ class ConditionMatrix:
             raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "List each condition once")
 
     def cell_of(self, condition: str) -> MatrixCell | None:
-        """Return the matrix cell to which a condition belongs, or None if the condition is in no cell."""
+        """Return the matrix cell that contains a condition, or None if no cell does."""
         return next((cell for cell in self.cells if condition in cell.conditions), None)

@@ -17,8 +17,7 @@ def laid_out(
         name: Name of the new task.
         robot: Name of the robot.
         robot_title: Title of the robot, which is added to the title of the task.
-        base_m: Position of the robot's base, in the base frame of the robot for which the original task is laid out
-            [m].
+        base_m: Position of the robot's base, in the base frame of the robot of the original task [m].
         scale: Distances between slots, as a fraction of the original distances.
     """
     form = task_to_json(task)  # also lists the slots in the operations

@@ -45,7 +45,7 @@ class _At:
     Attributes:
         before: Location of the value that contains this one.
         step: Field, index or key that leads from ``before`` to this location.
-        is_key: Whether the step is a key of a mapping, in which case the text is in the value at this key.
+        is_key: Whether the step is a key of a mapping. If so, the text is in the value at this key.
     """
 
     before: _At | None
@@ -76,7 +76,7 @@ def _shown(text: str) -> str:
 
 
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
-    """Yield every string in a task, with the location at which it first occurs.
+    """Yield every string in a task, with the location where it first occurs.
 
     Each value is read only once. Since conditions share most of their objects, a task contains about 20,000 texts, but
     only 2,000 different ones.

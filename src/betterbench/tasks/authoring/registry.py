@@ -58,7 +58,7 @@ def named_task(made: Task, name: str, description: str) -> Task:
 
 @contextmanager
 def registered_for_now(made: Task) -> Iterator[Task]:
-    """Context manager in which a task is registered under its id, so that it can be checked before its file is written.
+    """Context manager that registers a task under its id, so that it can be checked before its file is written.
 
     Raises:
         InvalidInputError: If there is already a task with this id.

@@ -29,7 +29,7 @@ class Task:
         id: Identifier ("fast_food"). The registry sets it to the name of the decorated function.
         description: Description of the task. The registry sets it to the first line of that function's docstring.
         regimes: Listed regimes by name, such as "balanced" and "diverse-confounded".
-        robot: Name of the robot for which the slots are laid out.
+        robot: Name of the robot that the slots are laid out for.
         matrices: Diagnostic matrices whose cells are conditions of the task.
     """
 

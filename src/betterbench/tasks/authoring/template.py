@@ -65,7 +65,7 @@ class Protocol:
         steps_per_subgoal: Control steps that are allowed for each subgoal. Together with ``base_steps``, this allows
             about three times the expert's median number of steps, which is enough for a policy as slow as a human
             teleoperator.
-        still_steps: Number of control steps in an episode in which the correct behavior is to stay still.
+        still_steps: Number of control steps in an episode where the correct behavior is to stay still.
     """
 
     dwell_s: float = 0.5
@@ -82,7 +82,7 @@ class Template(Meta, Protocol):
         groups: Groups of objects.
         relation: Name of the main relation in the subgoals.
         exclusive: Whether only requested objects may satisfy the relation at the end.
-        order: Order in which the subgoals are done.
+        order: Order of the subgoals.
         also: Names of further relations in the subgoals.
     """
 

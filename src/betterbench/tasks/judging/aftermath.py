@@ -17,8 +17,8 @@ class Aftermath:
         Args:
             info: The scene.
             rate_hz: Control rate.
-            picked: Slots from which training picks an object. Closing the gripper on nothing in one of these slots is
-                an attempt as well.
+            picked: Slots where training picks up an object. Closing the gripper on nothing in one of these slots is an
+                attempt as well.
         """
         self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
         self._row = -1

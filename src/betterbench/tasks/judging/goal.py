@@ -115,7 +115,7 @@ class GoalTracker:
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return, for each object, whether it is in a target region of any target to which objects can be carried."""
+        """Return, for each object, whether it is in a region of any target that objects can be carried to."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):

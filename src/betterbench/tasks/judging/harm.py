@@ -76,7 +76,7 @@ class Harm:
     Attributes:
         sort: Kind of harm. "target_brought" means that the target was moved to the object, which stayed in place.
         object: Name of the harmed object.
-        target: Target at which the object is although the instruction does not request this, or None.
+        target: Target where the object is although the instruction does not request this, or None.
         region: Region of that target, if the target has several.
     """
 
@@ -133,7 +133,7 @@ def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
 
 
 def anchors(asked: Sequence[Asked]) -> frozenset[str]:
-    """Return the names of the targets beside which objects are placed. Nothing has to touch these targets."""
+    """Return the names of the targets that objects are placed beside. Nothing has to touch these targets."""
     return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
 
 
@@ -178,7 +178,7 @@ class HarmWatch:
     def see(self, state: WorldState, places: Places) -> None:
         """Process the next state.
 
-        ``places`` contains, for each watched object in the right posture, the region in which it is.
+        ``places`` contains the region of each watched object that is in the right posture.
         """
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
@@ -245,7 +245,7 @@ class HarmWatch:
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
-        """Return the harm of an object being at a target at which it was not requested.
+        """Return the harm of an object being at a target where it was not requested.
 
         The kind of harm depends on whether the object or the target was moved.
         """

@@ -49,7 +49,7 @@ class JudgingMemory:
         self.truth: Truth | None = None
 
     def places(self, state: WorldState) -> Places:
-        """Return the region in which each watched object is in the next state."""
+        """Return the region of each watched object in the next state."""
         before, self._state = self._state, state
         if before is None:
             self._ask(state, range(len(self._pairs)))

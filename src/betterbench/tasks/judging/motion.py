@@ -37,7 +37,7 @@ class Motion:
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
         there: (T, n) whether the object is in a region of any target, requested or not. Closed drawers are left out.
-        picked: Slots from which training picks an object.
+        picked: Slots where training picks up an object.
     """
 
     info: SceneInfo
@@ -109,9 +109,9 @@ class Motion:
         return in_reach(boxes, centers)
 
     def slot_of(self, row: int, i: int, reach: float) -> str | None:
-        """Return the slot in which an object is, or None.
+        """Return the slot that contains an object, or None.
 
-        The slot in which the object started takes precedence, because slots of two layouts may overlap.
+        The slot where the object started takes precedence, because slots of two layouts may overlap.
         """
         own = self.info.objects[i].slot
         if own in self.pick_slots:
@@ -143,11 +143,10 @@ class Motion:
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
-        """Return the empty slot at which an empty gripper closes, or None.
+        """Return the empty slot where an empty gripper closes, or None.
 
-        This is the slot nearest to the gripper, measured from the points at which demonstrations close the gripper in
-        the slot. The distance must be at most ``empty_slot_reach``, the slot must be empty, and no object may be
-        nearer.
+        This is the slot nearest to the gripper, measured from the points where demonstrations close the gripper in the
+        slot. The distance must be at most ``empty_slot_reach``, the slot must be empty, and no object may be nearer.
         """
         near = []
         for slot in self.picked:
@@ -241,8 +240,8 @@ def _most_told(told: Bools, window: int) -> Bools:
     """Return the clear majority of the commands around each row. Without a clear majority, the previous value is kept.
 
     A majority is clear if it exceeds the minority by more than half of the rows, such as four out of five. When the
-    majority changes, the change is placed at the row at which the new commands begin, so that commands without noise
-    are returned unchanged.
+    majority changes, the change is placed at the row where the new commands begin, so that commands without noise are
+    returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told

@@ -19,13 +19,13 @@ It is one region, the names of several if regions overlap, or None.
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Subgoal of a condition, in which the objects are given by their names in the scene.
+    """Subgoal of a condition, with the names of its objects in the scene.
 
     Attributes:
         relation: Name of the relation.
         target: Name of the target.
         region: Region of the target.
-        candidates: Names of the objects to which the subgoal may refer.
+        candidates: Names of the objects that the subgoal may refer to.
         count: How many of these objects must be at the target.
     """
 
@@ -69,7 +69,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Object at a target at which it was not requested, or at which there are more objects than requested."""
+    """Object at a target where it was not requested, or where there are more objects than requested."""
 
     object: str
     target: str
@@ -85,8 +85,8 @@ class Targets:
         Args:
             asked: Subgoals of the condition.
             info: The scene.
-            placing: Name of the relation for which intruders are detected, i.e. objects at a target at which they were
-                not requested.
+            placing: Name of the relation for which intruders are detected, i.e. objects at a target where they were not
+                requested.
         """
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
@@ -94,7 +94,7 @@ class Targets:
         self._allowed = self._what_is_allowed()
 
     def places(self, state: WorldState) -> Places:
-        """Return the region in which each tracked object is, or None for an object that is not in the right posture."""
+        """Return the region that contains each tracked object, or None for an object in a wrong posture."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:
@@ -107,14 +107,14 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region in which each tracked object is, whatever its posture.
+        """Return the region that contains each tracked object, whatever its posture.
 
         For a wide relation such as "beside", an object may be in the region without having been brought there. For such
         a relation, the object only counts if it passes a looser check with a smaller region.
 
         Args:
             state: The state.
-            strictly: Region in which each tracked object is in the right posture.
+            strictly: Region that contains each tracked object in the right posture.
         """
         return tuple(
             tuple(
@@ -131,8 +131,8 @@ class Targets:
 
         Args:
             state: The state.
-            strictly: Region in which each tracked object is in the right posture.
-            at_start: Region in which each tracked object was at the start, in any posture.
+            strictly: Region that contains each tracked object in the right posture.
+            at_start: Region that contained each tracked object at the start, in any posture.
         """
         served = self._served(strictly)
         for w, places in enumerate(self.in_any_posture(state, strictly)):
@@ -169,7 +169,7 @@ class Targets:
         return tuple(found)
 
     def _served(self, strictly: Places) -> frozenset[str]:
-        """Return the objects that are in a region in which they were requested."""
+        """Return the objects that are in a region where they were requested."""
         at = ((d, s) for d in self.due for s in d.candidates if is_at(strictly[d.watch][s], d.region))
         return frozenset(self.watches[d.watch].subjects[s] for d, s in at)
 

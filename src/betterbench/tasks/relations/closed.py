@@ -35,7 +35,7 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the mount of the cabinet in which a drawer is closed, or None if the drawer is open.
+    """Return the mount that holds a closed drawer in its cabinet, or None if the drawer is open.
 
     A drawer is closed if it is pushed into the cabinet to within 5 mm of its closed position.
     """

@@ -102,7 +102,7 @@ def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
 
 
 def _top(info: ObjectInfo) -> Vector:
-    """Return the center of the face on which the next layer of the stack rests, in the object's frame [m]."""
+    """Return the center of the face that carries the next layer of the stack, in the object's frame [m]."""
     for region in info.regions:  # this loop takes a third of the time of next(), and it runs at every control step
         if region.name == "top":
             return region.position

@@ -15,7 +15,7 @@ SLIM_M, SLIM_OPENING_M = 0.05, 0.022
 
 
 def foot_offset(info: ObjectInfo) -> Vector:
-    """Return the point on which an object stands, in the object's frame [m].
+    """Return the point that an object stands on, in the object's frame [m].
 
     This is the center of the region "base" if there is one, otherwise the center of the bounding box's bottom.
     """
@@ -26,7 +26,7 @@ def foot_offset(info: ObjectInfo) -> Vector:
 
 
 def foot(state: WorldState, name: str) -> Vector:
-    """Return the point on which an object stands, in the world frame [m]."""
+    """Return the point that an object stands on, in the world frame [m]."""
     return state.pose(name).apply(foot_offset(state.info.object(name)))
 
 

@@ -131,7 +131,7 @@ def _import_built_in() -> None:
 
 
 def facts_of_suite(suite: str) -> WorldFacts | None:
-    """Return the facts about the world to which a suite belongs, or None if no known world has this suite.
+    """Return the facts about the world of a suite, or None if no known world has this suite.
 
     The path of a suite folder belongs to betterbench's own world.
     """
@@ -141,7 +141,7 @@ def facts_of_suite(suite: str) -> WorldFacts | None:
 
 
 def facts_of_task(task: str) -> WorldFacts:
-    """Return the facts about the world to which a task ("libero_object-03") belongs.
+    """Return the facts about the world of a task ("libero_object-03").
 
     If no other world has such a task, this is betterbench's own world.
     """

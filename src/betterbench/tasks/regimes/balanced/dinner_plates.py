@@ -48,7 +48,7 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return two conditions in which the target is a stack of two plates.
+    """Return two conditions with a stack of two plates as the target.
 
     The two instructions are worded differently.
     """
