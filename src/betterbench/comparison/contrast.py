@@ -50,7 +50,7 @@ class Contrast:
         test: Name of the test.
         p_value: p-value of the test.
         p_adjusted: p-value after Holm's correction over the family.
-        family: Number of contrasts in the family, i.e. contrasts whose p-values are corrected together.
+        family: Number of contrasts in the family. Their p-values are corrected together.
         different: Whether the rates differ significantly, i.e. ``p_adjusted`` is at most alpha and the interval
             excludes zero.
         smallest: Smallest difference that these trials could have detected, or None if it was not computed.
@@ -120,7 +120,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class SequentialContrast:
-    """Sequential comparison of the success rates of two policies, which is valid while the runs are unfinished.
+    """Sequential comparison of two policies' success rates. It is valid even while the runs are unfinished.
 
     Attributes:
         first: Name of the first policy.

@@ -1,8 +1,8 @@
 """Words and targets that a policy consistently confuses, inferred from the first attempts in a run.
 
-A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. A single
-trial with a wrong object may be due to chance, and is therefore labeled ``wrong_object``. Several trials with the same
-words can show a confusion, because a policy that chooses at random would sometimes be correct.
+A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. In a
+single trial, a wrong object may be chosen by chance, so the trial is labeled ``wrong_object``. Several trials with the
+same words can show a confusion, because a policy that chooses at random would sometimes be correct.
 """
 
 from __future__ import annotations

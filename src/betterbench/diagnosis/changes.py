@@ -29,7 +29,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class ThresholdChange:
-    """Threshold whose value differs between two diagnoses.
+    """Threshold with different values in two diagnoses.
 
     If a diagnosis lacks the threshold, its value is None.
     """
@@ -41,7 +41,7 @@ class ThresholdChange:
 
 @dataclass(frozen=True, slots=True)
 class TrialChange:
-    """Trial whose diagnosis has changed.
+    """Trial with a changed diagnosis.
 
     Attributes:
         key: Key of the trial ("fast_food/T1/3").

@@ -58,7 +58,7 @@ class Exposure:
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals, in the instruction's order, that are not done at the start and whose object is in the scene."""
+        """Subgoals that are not done at the start and have their object in the scene, in the instruction's order."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
@@ -88,7 +88,7 @@ class Exposure:
 
     @property
     def lacks_later_step(self) -> bool:
-        """Whether training has a later step for this instruction whose object is missing from the scene.
+        """Whether this instruction had a later step in training that needs an object missing from the scene.
 
         This is False if the condition is ambiguous, because then no behavior counts as a failure.
         """
@@ -96,9 +96,9 @@ class Exposure:
 
 
 def absent_steps(task: Task, condition: Condition) -> set[int]:
-    """Return the indices of the steps whose object is missing from the scene.
+    """Return the indices of the steps that need an object that is missing from the scene.
 
-    The steps are those of the training instructions that have the same text as the instruction of the condition.
+    The steps are taken from the training instructions with the same text as the instruction of the condition.
     """
     here = {o.kind for o in condition.objects}
     return {

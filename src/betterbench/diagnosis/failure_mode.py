@@ -55,7 +55,7 @@ class FailureMode:
         label: Label of the mode.
         short: Name of one or two words, for bar charts.
         definition: Condition that the record must meet, in one sentence.
-        conclusion: Conclusion about a policy whose failures are mostly of this mode, in one sentence.
+        conclusion: Conclusion about a policy that fails mostly in this mode, in one sentence.
         sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty string.
         finding: Beginning of the sentence that counts the trials with this mode. Empty if the mode yields no finding.
         detail: Function that returns the end of that sentence, with the properties that these trials have in common.
@@ -107,7 +107,7 @@ class FailureMode:
 
     @property
     def family(self) -> str:
-        """Group of the label, which determines its color in figures: "right", "reasoning", "execution" or "system"."""
+        """Group of the label: "right", "reasoning", "execution" or "system". It determines the color in figures."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 

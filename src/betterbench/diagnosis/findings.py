@@ -65,7 +65,7 @@ def find_notes(
         pairs: Number of pairs of a variation trial and its counterfactual twin.
         pending: Number of planned trials that are not done yet.
         even_pairs: Number of pairs in the first round of a run with ``--until-decided``. None for other runs.
-        cure: Advice for trials whose twin is missing.
+        cure: Advice for trials without a twin.
     """
     notes = []
     if pending:

@@ -52,7 +52,7 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ only in the instruction, and whose instructions have different first targets.
+    """Return pairs of trials that differ only in the instruction. The two instructions have different first targets.
 
     Each trial is in at most one pair, so that the pairs are independent. A variation trial is paired with its
     counterfactual twin (the training trial with the same seed) if possible, otherwise with the first remaining trial

@@ -55,7 +55,7 @@ class Reader(Protocol):
         """Return notes about the world of a run."""
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return advice on further runs that would make the diagnosis more informative."""
+        """Return advice on additional runs that would make the diagnosis more informative."""
 
 
 class OwnReader:

@@ -147,7 +147,7 @@ def undirected_probability(choice: Choice, error_rate: float) -> float:
 def confusion_cost(choices: Sequence[Choice]) -> float:
     """Return the cost of confusion (undirected errors): the negative log-likelihood at the best error rate [nats].
 
-    The error rate is at most that of a policy that guesses.
+    The error rate is at most the error rate of guessing.
     """
     if not choices:
         return 0.0

@@ -139,7 +139,7 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
     """Add the counterfactual twins of the planned trials.
 
-    They are read from ``run``, which is a run of the base suite.
+    They are read from ``run``, a run of the base suite.
     """
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]

@@ -1,8 +1,8 @@
 """Decision rules of a policy in one task: their fit, their comparison with confusion, and the ruling on each trial.
 
-A rule is upheld if it costs less than confusion, which is the null hypothesis of undirected errors. This is a
-likelihood-ratio test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that
-have different instructions, but both begin with an attempt at this place (:func:`has_pair`).
+A rule is upheld if it costs less than the null hypothesis of undirected errors (confusion). This is a likelihood-ratio
+test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that have different
+instructions, but both begin with an attempt at this place (:func:`has_pair`).
 """
 
 from __future__ import annotations

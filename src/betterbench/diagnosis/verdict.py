@@ -42,7 +42,8 @@ class Evidence:
 class Attempt:
     """Grasp attempt of a trial.
 
-    Closing the gripper far from all objects also counts as an attempt, which then has neither an object nor a slot.
+    Closing the gripper far from all objects also counts as an attempt. Such an attempt has neither an object nor a
+    slot.
 
     Attributes:
         start_s: Time when the gripper begins to close [s].
@@ -181,8 +182,8 @@ class Metric:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"). If trials are unfinished,
-            there is also "unfinished_rate". For each "illusion_gap", the success rate of the twins is
-            "twin_success_rate", and that of the paired variation trials is "paired_success_rate".
+            there is also "unfinished_rate". For each "illusion_gap", "twin_success_rate" is the success rate of the
+            twins, and "paired_success_rate" is the success rate of the paired variation trials.
         scope: Set of trials that the measure covers: "overall" (all trials of variations), "training" (all trials of
             training conditions), "axis:temporal_extrapolation", "fast_food" (the variations of this task),
             "fast_food/training", "fast_food/T1", "fast_food/train1".
@@ -221,7 +222,7 @@ class RunDiagnosis:
 
     Attributes:
         policy: Name of the policy.
-        trials: One entry for each trial that counts, finished or not, in the order of the plan.
+        trials: One entry for each diagnosed trial, finished or not, in the order of the plan.
         metrics: All metrics of the run.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
         notes: Limits on what the run can show, one sentence each (missing pairs, smallest detectable difference).

@@ -42,7 +42,8 @@ class RecordVersions:
             but: Name of a version that is not added, or "" to add all versions.
 
         Raises:
-            RunConflictError: If a version differs from that of an earlier record and mixed versions are not allowed.
+            RunConflictError: If a version differs from the version in an earlier record and mixed versions are not
+                allowed.
         """
         trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
         for name, value in _versions(metadata):

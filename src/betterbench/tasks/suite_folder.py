@@ -97,7 +97,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
     Args:
         name: Name of the suite, not including the digest.
-        forms: Tasks in JSON form by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        forms: Tasks by name, in the JSON form returned by :func:`betterbench.tasks.task_to_json`.
 
     Raises:
         InvalidInputError: If the name is invalid, or if no task is given.

@@ -1,9 +1,10 @@
 """User files and plugins that register tasks, assets and other items.
 
-Files are given by the option ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker
-processes inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read,
-and nothing is executed. An installed package is a plugin if it names a module in the entry point group
-``betterbench.plugins``. A file in the folder of a run is never executed automatically, because it may be untrusted.
+Files are passed with the option ``--task-file`` or in the environment variable ``BETTERBENCH_TASK_FILES``. Worker
+processes inherit this variable. A folder of imported assets (``--asset-dir``) is also treated as a user file: its
+manifest is read, and nothing is executed. An installed package is a plugin if it names a module in the entry point
+group ``betterbench.plugins``. A file in the folder of a run is never executed automatically, because it may be
+untrusted.
 """
 
 from __future__ import annotations
@@ -124,7 +125,7 @@ class TaskFile:
     def option_by_name(self) -> tuple[str, str]:
         """Command-line option that loads the file, given by its name without the folder.
 
-        It is meant for readers of a shared file, who have the file in a different folder.
+        It is meant for readers of a shared file, because they have the file in a different folder.
         """
         if self.is_asset_folder:
             return "--asset-dir", Path(self.path).parent.name

@@ -55,7 +55,7 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return all gaps that can be computed from the runs of each policy, in the order of the runs.
+    """Return all gaps that can be computed from the runs of each policy, in run order.
 
     A gap in LIBERO-PRO needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
     chains and the resampled chains. The gap in betterbench's own suite is taken from the diagnosis of the run.

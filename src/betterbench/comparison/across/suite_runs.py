@@ -175,7 +175,7 @@ def chain_result(chain: Chain, record: Record | None) -> ChainResult:
     """Return the result of a chain from its record. A chain without a record counts as not run.
 
     Raises:
-        RecordError: If the subtasks in the record are not those of the chain.
+        RecordError: If the record has different subtasks than the chain.
     """
     if record is None:
         return ChainResult(chain.number, ())

@@ -69,7 +69,7 @@ class WorldContrast:
         second: Name of the second policy.
         suite: Name of the suite, or "average" for all four suites together.
         pairs: Number of initial states that both policies were run from.
-        difference: Success rate of the first policy minus that of the second, with its confidence interval.
+        difference: Success rate of the first policy minus success rate of the second, with its confidence interval.
         p_value: p-value of the exact McNemar test, after Holm's correction over the suites of this pair of policies.
     """
 

@@ -113,7 +113,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
     """Return whether the gripper was over a requested object about as long or as often as it was over the chosen one.
 
     Only the time that the gripper spends below a certain height above the table counts. The height is the same for both
-    objects, since a descending gripper would otherwise count as being over the taller object earlier.
+    objects, because otherwise a descending gripper would count as being over the taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -300,8 +300,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the pushes of objects by the empty gripper in time order, each with its rows in the trace and its object.
 
-    An object that moves while the gripper is closed on it is carried or dragged, which is not a push. An object that is
-    hit while another object is between the fingers is not pushed either.
+    An object that moves while the gripper is closed on it is carried or dragged, but not pushed. An object that is hit
+    while another object is between the fingers is not pushed either.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)

@@ -274,7 +274,7 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the indices of the subgoals that are open at a row and whose objects are still on the table."""
+        """Return the indices of the open subgoals at a row of the trace, except for objects that fell off the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
@@ -790,15 +790,16 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the subgoals that are open at a row of the trace, and those among them that may be done next."""
+    """Return the subgoals that are open at a row of the trace, and which of them may be done next."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
-    """Return the indices of the subgoals that are open at a row of the trace and whose objects are still on the table.
+    """Return the indices of the open subgoals at a row of the trace.
 
-    A subgoal that closes a drawer becomes open as soon as the object that belongs in the drawer is inside.
+    Subgoals with objects that fell off the table are left out. A subgoal that closes a drawer becomes open as soon as
+    the object that belongs in the drawer is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -817,7 +818,7 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of the given subgoal.
+    """Return the earlier subgoals that have the given subgoal's object as their target.
 
     For example, the subgoal that fills a drawer comes before the subgoal that closes it.
     """

@@ -102,7 +102,7 @@ class LabelScore:
 
     Attributes:
         label: The label.
-        recall: Fraction of correct diagnoses among the trials whose true label is this label.
+        recall: Fraction of correct diagnoses among the trials with this true label.
         precision: Fraction of correct diagnoses among the trials that were diagnosed with this label.
     """
 
@@ -165,7 +165,7 @@ class Calibration:
 
     @property
     def failed(self) -> Rate:
-        """Fraction of correctly labeled trials among those whose true label is a failure.
+        """Fraction of correctly labeled trials among the trials that are truly failures.
 
         Successes are left out because they are easier to label.
         """
@@ -174,7 +174,7 @@ class Calibration:
 
     @property
     def failed_kinds(self) -> Rate:
-        """Fraction of trials labeled with the correct kind of failure, among those whose true label is a failure."""
+        """Fraction of trials labeled with the correct kind of failure, among the trials that are truly failures."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 

@@ -68,7 +68,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
     Returns:
         The rates, the distractor grasp rate and the progress, each for the whole run and for each task, axis and
         condition. They are followed by the instruction effects, the ΔSR of recompositions (change in success rate), and
-        the illusion gaps. Each gap comes with two success rates, that of the twins and that of the variations in the
+        the illusion gaps. Each gap comes with two success rates, one for the twins and one for the variations in the
         same pairs. Ambiguous trials are not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
@@ -212,9 +212,9 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
     """Yield the success rates of the twins and of the variations over the pairs of an illusion gap.
 
-    A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses the
-    effective number of independent pairs according to Kish: the square of the number of pairs, divided by the sum over
-    all twins of the square of their number of pairs.
+    A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses Kish's
+    effective number of independent pairs: the square of the number of pairs, divided by the sum over all twins of the
+    square of their number of pairs.
     """
     uses = Counter(twin.key for twin, _ in pairs)
     worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())

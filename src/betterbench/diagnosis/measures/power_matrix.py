@@ -77,7 +77,7 @@ class PowerCell:
     Attributes:
         k: Number of trials that succeeded.
         n: Number of trials.
-        right: Number of trials whose first grasp attempt was at a requested object.
+        right: Number of trials with a first grasp attempt at a requested object.
         shared: Number of trials that were not simulated, because the pretender makes the same decisions as the expert
             in them. The expert's outcome is used for these trials.
         wrong: Number of trials for each label of the first wrong decision. Empty for policies that do not report their
@@ -202,7 +202,7 @@ class PowerMatrix:
     def exposed(self, key: Key) -> tuple[str, ...]:
         """Return the faulty rules that fail a variation because of a wrong decision that it is designed to expose.
 
-        A rule that passes the variation with a needless step is not included, since its success rate does not expose
+        A rule that passes the variation with a needless step is not included, because its success rate does not expose
         it.
         """
         claims = {label.value for label in exposed_labels(*key)}
@@ -266,9 +266,9 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
-        """Return this matrix with further tasks from an earlier matrix, in the order of the earlier matrix.
+        """Return this matrix with additional tasks from an earlier matrix, in the order of the earlier matrix.
 
-        The added tasks are those that this matrix lacks.
+        Only tasks that this matrix lacks are added.
 
         Raises:
             InvalidInputError: If one of the added tasks has changed since the earlier measurement, or if the earlier

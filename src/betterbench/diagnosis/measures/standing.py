@@ -36,7 +36,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a policy and those of a policy without the tested ability (a pretender).
+    """Agreement of a policy's outcomes with the outcomes of a policy without the tested ability (a pretender).
 
     Attributes:
         pretender: Name of the pretender.
@@ -77,7 +77,7 @@ class Standing:
     """Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
 
     Attributes:
-        scores: Success rates of the policy by scope, over the variations that the power matrix contains.
+        scores: Success rate of the policy for each scope, over the variations that the power matrix contains.
         lines: Reference lines of the pretenders and the expert, with the highest overall rate first.
         likenesses: Agreement of the policy with each pretender, with the most similar pretender first. The expert is
             not included.
@@ -97,7 +97,7 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Pretender (policy without the tested ability) whose outcomes agree most with those of the run, or None."""
+        """Pretender (policy without the tested ability) that agrees most with the outcomes of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
@@ -137,9 +137,9 @@ class Standing:
 def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
     """Compare the policy of a run with the pretenders, i.e. with policies that lack the tested abilities.
 
-    For a run with ``--until-decided``, only the trials of the first round are used. Tasks that are not in the power
-    matrix, or that have changed since it was measured, are left out and listed in the notice. If the matrix cannot be
-    read, the notice says so and no error is raised.
+    For a run with ``--until-decided``, only the trials of the first round are used. Tasks are left out if they are not
+    in the power matrix, or have changed since it was measured. The notice lists them. If the matrix cannot be read, the
+    notice says so and no error is raised.
 
     Args:
         diagnosis: Diagnosis of the run.
@@ -212,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how often a pretender's outcomes agree with those of a run, or None if the power matrix lacks one."""
+    """Return how often a pretender's outcomes agree with the outcomes of a run, or None if the power matrix lacks one."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

@@ -1,4 +1,4 @@
-"""Causal confusion: the policy skips a required step whose object is present, or repeats a finished step."""
+"""Causal confusion: the policy skips a required step although its object is present, or repeats a finished step."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
     """Return whether the intended content of a drawer that is shut is later put into a different drawer.
 
-    If so, the drawer was shut because the policy chose the wrong target, since an open drawer blocks the drawer below
+    If so, the drawer was shut because the policy chose the wrong target, because an open drawer blocks the drawer below
     it. The wrong target then decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])

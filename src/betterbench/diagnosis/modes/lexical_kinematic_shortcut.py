@@ -95,7 +95,7 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal whose target received the object of another subgoal in this attempt, or None.
+    """If this attempt brings an object to the target of another object's subgoal, return that subgoal, otherwise None.
 
     For example, a policy may mistake the mug for the mouse. If the order of the steps is free, the mistake only shows
     when the policy brings the mug to the target of the mouse. If mugs were brought to this target in training, habit is

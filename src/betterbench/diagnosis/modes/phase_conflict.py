@@ -32,7 +32,7 @@ from betterbench.tasks.thresholds import DISPLACED
 def _exposed(x: Exposure) -> bool:
     """Return whether the initial state looks like the middle of a demonstration and a step remains to be done.
 
-    A later step whose object is missing also counts as remaining.
+    A later step also counts as remaining if its object is missing.
     """
     return x.test.mid_task_look and (x.test.expected is Expected.SUCCEED or x.lacks_later_step)
 

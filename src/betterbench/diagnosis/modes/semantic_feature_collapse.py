@@ -108,7 +108,7 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
 
 
 def _absent(episode: EpisodeAnalysis) -> int | None:
-    """Return the first subgoal whose object is missing from the scene, or None if no object is missing."""
+    """Return the first subgoal with an object that is missing from the scene, or None."""
     return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 

@@ -114,7 +114,7 @@ def subgoal(
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
     """Return the steps that put objects into a container.
 
-    If several objects have the same kind, each further step for this kind requires one more object in the container.
+    If several objects have the same kind, each additional step for this kind requires one more object in the container.
 
     Args:
         verb: Verb at the beginning of the name of each step.
@@ -133,7 +133,7 @@ def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal,
 
 
 def ordered(text: str, *steps: Subgoal) -> Instruction:
-    """Return an instruction whose order of steps is part of the goal."""
+    """Return an instruction that requires its steps to be done in order."""
     return Instruction(text, steps, ordered=True)
 
 

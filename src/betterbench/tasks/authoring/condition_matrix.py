@@ -1,4 +1,4 @@
-"""Diagnostic matrices of a task, which arrange its conditions by the initial states of two objects.
+"""Diagnostic matrices of a task. They arrange its conditions by the initial states of two objects.
 
 Each cell also contains the result that the paper reports for it.
 """
@@ -49,8 +49,8 @@ class ConditionMatrix:
 
     Attributes:
         horizon: Matrix of the paper that this one corresponds to.
-        rows: Object whose states define the rows.
-        columns: Object whose states define the columns.
+        rows: Object that defines the rows by its states.
+        columns: Object that defines the columns by its states.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.
     """
 

@@ -7,7 +7,7 @@ from betterbench.tasks.authoring.task_form import task_from_json, task_to_json
 def laid_out(
     task: Task, name: str, *, robot: str, robot_title: str, base_m: tuple[float, float], scale: float = 1.0
 ) -> Task:
-    """Return a task whose slots are moved for a different robot.
+    """Return a copy of a task with its slots moved for a different robot.
 
     The conditions and variations stay the same, and the slots in the operations of the variations are moved as well.
     Slots keep their headings and their jitter. The new task has version 1 and no listed regimes.

@@ -20,11 +20,10 @@ from betterbench.tasks.subgoal import Instruction
 class Changes:
     """Changes that an operation declares.
 
-    Apart from these changes, the initial state of a trial is bit-identical to that of its twin (the trial without the
-    operation).
+    Apart from these changes, a trial and its twin (the trial without the operation) have bit-identical initial states.
 
     Attributes:
-        objects: Names of the objects whose presence, identity or start changes.
+        objects: Names of the objects that are added, removed, replaced or moved.
         language: Whether the instruction and its subgoals change.
     """
 

@@ -77,7 +77,7 @@ def registered_for_now(made: Task) -> Iterator[Task]:
 
 
 def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
-    """Return the regimes that belong to a task: those in the task itself and those in separate files.
+    """Return the regimes that belong to a task, whether they are in the task itself or in separate files.
 
     Regimes that the task only inherited from another task are left out.
     """

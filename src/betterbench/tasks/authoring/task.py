@@ -30,7 +30,7 @@ class Task:
         description: Description of the task. The registry sets it to the first line of that function's docstring.
         regimes: Listed regimes by name, such as "balanced" and "diverse-confounded".
         robot: Name of the robot that the slots are laid out for.
-        matrices: Diagnostic matrices whose cells are conditions of the task.
+        matrices: Diagnostic matrices with conditions of the task as cells.
     """
 
     version: int

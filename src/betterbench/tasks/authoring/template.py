@@ -83,7 +83,7 @@ class Template(Meta, Protocol):
         relation: Name of the main relation in the subgoals.
         exclusive: Whether only requested objects may satisfy the relation at the end.
         order: Order of the subgoals.
-        also: Names of further relations in the subgoals.
+        also: Names of additional relations in the subgoals.
     """
 
     groups: tuple[ObjectGroup, ...]

@@ -11,7 +11,7 @@ LISTED: tuple[str, ...] = tuple(PREFIXES)
 
 
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a task in a listed regime, which are named balanced1, diverse1 and so on.
+    """Return the conditions of a task in a listed regime. They are named balanced1, diverse1 and so on.
 
     The result is empty if the task does not have this regime.
     """

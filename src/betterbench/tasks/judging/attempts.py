@@ -13,7 +13,7 @@ from betterbench.tasks.thresholds import LEAN_FORCE, PRESS_FORCE, PRESS_TIME, TH
 
 @dataclass(frozen=True, slots=True)
 class GraspAttempt:
-    """Grasp attempt, described without regard to the instruction.
+    """Grasp attempt, described independently of the instruction.
 
     Attributes:
         start: Last row before the gripper begins to close.

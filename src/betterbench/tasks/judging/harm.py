@@ -74,7 +74,7 @@ class Harm:
     """Harm to an object in an episode.
 
     Attributes:
-        sort: Kind of harm. "target_brought" means that the target was moved to the object, which stayed in place.
+        sort: Kind of harm. "target_brought" means that the object stayed in place and the target was moved to it.
         object: Name of the harmed object.
         target: Target where the object is although the instruction does not request this, or None.
         region: Region of that target, if the target has several.
@@ -304,7 +304,7 @@ def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool
 def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
     """Return how far the outermost point of an object moved [m], for example a corner or the handle of a mug.
 
-    This is 0 for an object whose rotation is not visible, or whose tilt has changed because it was lifted or knocked
+    This is 0 if the rotation of the object is not visible, or if its tilt changed because it was lifted or knocked
     over.
     """
     if not has_direction(thing, HANDLE_FROM) or _is_tipped(before.quaternion, after.quaternion):
@@ -324,7 +324,7 @@ def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
     """Return how far the corners of an object moved because of its rotation about the vertical axis [m].
 
-    This is 0 for an object without a direction, or whose tilt has changed because it was lifted or knocked over.
+    This is 0 if the object has no direction, or if its tilt changed because it was lifted or knocked over.
     """
     if not has_direction(thing) or _is_tipped(before, after):
         return 0.0

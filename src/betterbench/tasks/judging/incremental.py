@@ -145,7 +145,7 @@ for _field in fields(WorldState):
 def _changed(before: WorldState, now: WorldState) -> set[str]:
     """Return the differences between two states that can affect a judgment.
 
-    The result contains the names of the bodies whose pose or contacts differ. Other differences are represented by
+    The result contains the names of the bodies with different poses or contacts. Other differences are represented by
     special names.
     """
     changed: set[str] = set()

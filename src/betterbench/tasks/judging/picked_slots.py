@@ -61,7 +61,7 @@ class PickedSlot:
         name: Name of the slot.
         middle: Center of the slot, x and y in the world frame [m].
         closings: Points where demonstrations close the gripper, starting with the center of the slot. Each has x and y
-            in the world frame, and a spread due to the jitter of the slot and the different variants of the object [m].
+            in the world frame, and a spread caused by the jitter of the slot and the variants of the object [m].
     """
 
     name: str

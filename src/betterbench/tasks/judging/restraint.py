@@ -19,7 +19,7 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
     """Return the indices of the objects that must not be touched in a refusal.
 
     They are the objects that the instruction does not name. Drawers and targets may be touched, because the policy may
-    put away those requested objects that exist.
+    put away the requested objects that exist.
     """
     return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
 

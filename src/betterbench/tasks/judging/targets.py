@@ -1,4 +1,4 @@
-"""Objects at the targets of a condition, both those that were requested and those that were not (intruders)."""
+"""Objects at the targets of a condition, both requested objects and others (intruders)."""
 
 from __future__ import annotations
 

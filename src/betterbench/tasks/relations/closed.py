@@ -1,4 +1,4 @@
-"""Relation "closed", which applies to drawers, and the drawers that must be moved before another drawer is loaded."""
+"""Relation "closed" for drawers, and the drawers that must be moved before another drawer is loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState

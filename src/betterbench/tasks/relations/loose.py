@@ -1,7 +1,7 @@
-"""Loose variants of relations, which hold for any posture of an object: leaning, jammed, upside down or held.
+"""Loose variants of relations. They hold for any posture of an object: leaning, jammed, upside down or held.
 
 A strict relation requires the posture that the instruction asks for. An object in another posture may still be at the
-target. The rule "no other object is at the target" therefore uses loose variants of the relations, which are built from
+target. The rule "no other object is at the target" therefore uses loose variants of the relations. They are built from
 these functions.
 """
 

@@ -59,7 +59,7 @@ class Relation:
         loosely: Like ``where``, but for an object in any posture, such as leaning, jammed, on its side, half in, on top
             or held there. It is called when ``where`` has returned None, to check that the object is really not at the
             target. It is None if ``where`` already covers every posture.
-        tolerances: Names of the thresholds that ``where`` uses, except for those of rest and posture.
+        tolerances: Names of the thresholds that ``where`` uses, except for the thresholds of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses where a held object satisfies the relation,
             best first. It is None if the object is not carried, because it slides in its mount.
         surface: ``surface(regions, region)`` returns the center of the surface that objects rest on, in the frame of

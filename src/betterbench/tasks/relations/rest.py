@@ -8,7 +8,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class RestWatch:
-    """Detector of objects at rest, i.e. of objects whose position and posture have not changed for a short time.
+    """Detector of objects at rest, i.e. objects that have not moved or rotated for a short time.
 
     Displacement is used instead of speed, because in contact, a resting object can tremble at 1 rad/s without moving by
     a tenth of a millimeter. The detector must be given every state in order, starting at reset. At reset, all objects

@@ -35,7 +35,7 @@ class Suite:
 
     Attributes:
         name: Name on the command line ("libero_spatial_swap").
-        base: Name of the suite whose tasks are changed, or ``name`` for a suite without changes.
+        base: Name of the suite that is changed, or ``name`` for a suite without changes.
         change: Name of the change ("swap"), or None for a suite without changes.
         tasks: Number of tasks.
         summary: Description in one phrase.

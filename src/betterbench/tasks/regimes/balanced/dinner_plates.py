@@ -1,8 +1,8 @@
 """Balanced conditions of the dinner plates: red and blue plates in every slot, and both positions of the white plate.
 
 When the white plate is at its right position, there is no room for other plates to the right of it. This position
-therefore occurs only with the slots on the left. If a scene would equal that of a test, the plate that the instruction
-does not name is left out.
+therefore occurs only with the slots on the left. If a scene would be the same as in a test, the plate that the
+instruction does not name is left out.
 """
 
 from dataclasses import replace

@@ -97,7 +97,7 @@ def _block(found: Mapping[str, Any]) -> BlockInfo:
 
 
 def _number(value: float | Sequence[float]) -> float:
-    """Return a joint position, which is given as a number or as the first element of a sequence."""
+    """Convert a joint position to a float. It is given as a number or as the first element of a sequence."""
     return finite_number(value[0] if isinstance(value, Sequence) else value)
 
 

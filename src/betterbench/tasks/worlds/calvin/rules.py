@@ -1,4 +1,4 @@
-"""Success rules of CALVIN's subtasks, which compare the scene with the scene at the beginning of the subtask.
+"""Success rules of CALVIN's subtasks. They compare the scene with the scene at the beginning of the subtask.
 
 The rules are taken from ``calvin_env/envs/tasks.py`` in calvin_env@797142c. In earlier versions of that file, the rules
 differ: a lifted block must not have touched the robot at the beginning, and a pushed block must keep exactly the same
