@@ -97,7 +97,7 @@ def compare(
 ) -> Comparison:
     """Compare runs of several policies on the trials that all of them contain.
 
-    Every planned trial counts, including trials that could not be run. Two policies differ significantly if the
+    All planned trials are included, even trials that could not be run. Two policies differ significantly if the
     Holm-corrected p-value is at most ``alpha`` and the confidence interval of the difference excludes zero. The exact
     test treats pairs as independent, whereas the interval accounts for pairs that share a scene.
 

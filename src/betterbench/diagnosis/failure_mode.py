@@ -102,7 +102,7 @@ class FailureMode:
         return self.title or self.label.value.replace("_", " ").capitalize()
 
     def conclude(self, trials: Sequence[TrialDiagnosis]) -> str:
-        """Return the conclusion about a policy from the trials in which it has this failure mode."""
+        """Return the conclusion about a policy from its trials with this failure mode."""
         return (self.sharper(trials) if self.sharper is not None and trials else "") or self.conclusion
 
     @property

@@ -168,7 +168,7 @@ def trial_diagnosis(
 
 
 def offline_truth(record: Record) -> list[Truth]:
-    """Judge all states of a record again with the goal tracker that is used live.
+    """Judge all states of a record again, with the same goal tracker as during the trial.
 
     Returns:
         One goal state for each row of the record. Its flags for subgoals, goal and forbidden events are identical to
@@ -187,7 +187,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode in time order.
+    """Return the grasp attempts of an episode in chronological order.
 
     They include the attempts in which the gripper closed far from all objects.
     """

@@ -15,14 +15,14 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with the part of the episode in which it was found.
+    """Reason for a label, with the part of the episode that shows it.
 
     Attributes:
         rule: Name of the evidence rule.
         text: Explanation in one or more sentences.
         start_s: Beginning of the part of the episode [s].
         end_s: End of the part of the episode [s].
-        objects: Names of the objects concerned.
+        objects: Names of the objects involved.
         shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
             also "slot").
         candidates: Labels that remain possible if only this trial is considered. The second pass may decide between
@@ -90,7 +90,7 @@ class TrialDiagnosis:
         intended_any: Names of all objects that would be correct to attempt first, ordered by subgoal and slot.
         intention_correct: Whether the first attempt was at a requested object. None if there is no record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
-        attempts: All grasp attempts, in time order.
+        attempts: All grasp attempts, in chronological order.
         evidence: Evidence that decided the label.
         collisions: Number of collisions of the robot or a held object with fixtures. None if there is no record.
         steps: Number of control steps.

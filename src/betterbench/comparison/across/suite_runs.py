@@ -1,6 +1,6 @@
 """Outcomes of runs. Each run covers one suite of one simulated world.
 
-Every planned trial counts. Unfinished trials count as failures.
+All planned trials are included. Unfinished trials count as failures.
 """
 
 from __future__ import annotations

@@ -309,7 +309,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the intervals in which the empty gripper moves an object, in time order.
+    """Return the intervals in which the empty gripper moves an object, in chronological order.
 
     This includes movements that are too short to count as a push.
     """

@@ -52,7 +52,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """Behavior that shows which object the policy wants: a grasp, a push, a weak grip, or staying over the object."""
+    """Behavior that shows which object the policy wants, such as a grasp, a push, or staying over the object."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -115,11 +115,11 @@ class EpisodeAnalysis:
         condition: Condition of the trial.
         trained: Training distribution of the task.
         meant: For each subgoal, the indices of the objects that can satisfy it.
-        steps: All grasp attempts, in time order.
-        harm: Harm to objects that were not requested, in time order.
-        others: Approaches to an object in which the gripper does not close, in time order.
-        on_nothing: Closings of the gripper far from all objects or next to an empty slot, in time order.
-        fists: Closings of the empty gripper that were meant to push a drawer shut, in time order.
+        steps: All grasp attempts, in chronological order.
+        harm: Harm to objects that were not requested, in chronological order.
+        others: Approaches to an object in which the gripper does not close, in chronological order.
+        on_nothing: Closings of the gripper far from all objects or next to an empty slot, in chronological order.
+        fists: Closings of the empty gripper that were meant to push a drawer shut, in chronological order.
         state: Function that returns the world state at a row of the trace. If None, placements are judged only by the
             target regions in the record.
         found_once: Results cached by :func:`once_per_episode`.
@@ -139,7 +139,7 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All attempts that show which object the policy wants, in time order.
+        """All attempts that show which object the policy wants, in chronological order.
 
         These are grasp attempts and pushes. Staying over an object at the end of the episode is an attempt as well.
         Attempts at drawers that were opened or shut to reach a wrong first choice are left out.
@@ -176,7 +176,7 @@ class EpisodeAnalysis:
 
     @property
     def _in_order(self) -> tuple[Step, ...]:
-        """All attempts, pushes, and intervals in which the gripper stays over an object, in time order."""
+        """All attempts, pushes, and intervals in which the gripper stays over an object, in chronological order."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
@@ -255,14 +255,14 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Intervals in which the empty gripper moves an object, in time order.
+        """Intervals in which the empty gripper moves an object, in chronological order.
 
         This includes movements that are too short to count as a push.
         """
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return one clause for each harm to an object that was not requested, in time order."""
+        """Return one clause for each harm to an object that was not requested, in chronological order."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:

@@ -82,7 +82,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 
 @once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that the closed gripper keeps holding at the object's target region until the end, or None.
+    """Return the object that the closed gripper holds at its target region until the end, or None.
 
     The object may already be standing on the target. An object that is still being lowered does not count.
     """
@@ -128,7 +128,7 @@ def _usual(pauses: list[int], long: int) -> float:
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the row from which the arm stays in place until the end, or None if it does not do so for long enough.
+    """Return the row where the arm begins to stay in place until the end, or None if this is not long enough.
 
     The arm may still be slowing down at this row.
     """

@@ -32,7 +32,7 @@ class DatedHarm(NamedTuple):
 
 
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
-    """Return all harm in a record, in time order.
+    """Return all harm in a record, in chronological order.
 
     Only the rows that can change the verdict are passed to the goal tracker. As in the trace, objects are identified by
     kind and slot, so their names do not matter.
@@ -97,7 +97,7 @@ def _tilted(trace: Trace, i: int) -> np.ndarray:
 
 
 def _since(flags: np.ndarray) -> int | None:
-    """Return the row from which the flags stay true until the end.
+    """Return the row where the final series of True flags begins.
 
     The result is None if there is no such row, or if all flags are true.
     """

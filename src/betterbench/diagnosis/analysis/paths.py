@@ -58,10 +58,9 @@ def stays_in_place(tool: Floats, time: Floats, begin: int, *, within: float = HA
 
 
 def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
-    """Return the first row from which the gripper moves back and forth until the end, or None if it does not.
+    """Return the row where the gripper begins to move back and forth until the end, or None.
 
-    The positions have shape (T, 3) [m]. The approach to the region in which the gripper moves back and forth is not
-    included.
+    The positions have shape (T, 3) [m]. The approach to the region of this motion is not included.
     """
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # path length from each row to the end

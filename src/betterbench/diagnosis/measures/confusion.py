@@ -92,7 +92,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a reasoning failure was diagnosed as an execution failure or the other way round."""
+        """Whether a reasoning failure was diagnosed as an execution failure or vice versa."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -120,7 +120,7 @@ class Calibration:
         policies: For each policy, the fraction of its trials that were labeled correctly.
         wrong: Trials that were labeled incorrectly.
         crossed: Number of trials in which a reasoning failure was labeled as an execution failure, or vice versa.
-        versions: Versions with which the calibration was measured.
+        versions: Versions used to measure the calibration.
         without_grasp: Fraction of correctly labeled trials among the failed trials without a grasp attempt.
         accused: Fraction of trials of policies without a fault that were labeled as a reasoning failure (false alarms).
         left_out: Number of trials that were left out, because they are not evidence about the policy's fault.

@@ -108,7 +108,7 @@ def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
-    """Yield each scope, i.e. each set of trials for which metrics are computed, with its trials.
+    """Yield each scope with its trials. Metrics are computed for each scope.
 
     A scope is the whole run, an axis, a task or a condition (see :class:`~betterbench.diagnosis.Metric`).
     """

@@ -212,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how often a pretender's outcomes agree with the outcomes of a run, or None if the power matrix lacks one."""
+    """Return how often the outcomes of a pretender and a run agree, or None if the matrix lacks a variation of the run."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

@@ -87,7 +87,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
-    """Yield the evidence of inertia in each attempt, in time order."""
+    """Yield the evidence of inertia in each attempt, in chronological order."""
     before: Step | None = None
     for step in episode.decisions:
         evidence = (

@@ -389,7 +389,9 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         if starts != 1:
             problem = f"{spec.name!r} starts in {starts} places"
             raise names.wrong(
-                path, problem, "Specify exactly one start for it: a slot in layout, a target in preplaced, or a mount"
+                path,
+                problem,
+                "Specify exactly one start for this object: a slot in layout, a target in preplaced, or a mount",
             )
     return Condition(
         task=names.task,

@@ -16,7 +16,7 @@ def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed(task_id: str) -> tuple[str, ...]:
-    """Describe the factors that are crossed in a task's balanced conditions, in one line each."""
+    """Return descriptions of the factors that are crossed in a task's balanced conditions, one per line."""
     return listed_regimes.crossed_in("balanced", task_id)
 
 

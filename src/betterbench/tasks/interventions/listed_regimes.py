@@ -25,7 +25,7 @@ def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
-    """Describe the factors that are crossed, or tied to each other, in a regime's conditions, in one line each.
+    """Return descriptions of the factors that are crossed or tied together in a regime's conditions, one per line.
 
     The result is empty if the task does not have this regime.
     """

@@ -163,7 +163,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Period in which the gripper closes, in one or several parts that are separated only by chatter.
+    """Period during which the gripper closes. It may have several parts that are separated only by chatter.
 
     The parts are row ranges with exclusive ends.
     """

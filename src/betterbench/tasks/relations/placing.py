@@ -1,4 +1,4 @@
-"""Placement of objects: where the base of an object is, and in which poses objects are released."""
+"""Placement of objects: where the base of an object is, and the poses for releasing objects."""
 
 import functools
 import math
