@@ -86,8 +86,8 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
     """Return whether the intended content of a drawer that is shut is later put into a different drawer.
 
-    If so, the drawer was shut because the policy chose the wrong target, because an open drawer blocks the drawer below
-    it. The wrong target then decides the label.
+    If so, the drawer was shut because the policy chose the wrong target: an open drawer blocks the drawer below it. The
+    wrong target then decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
