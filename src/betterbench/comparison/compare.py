@@ -176,7 +176,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
     """Compare the policies on each question of a family, and correct the p-values together.
 
-    Questions for which a policy has no trials are skipped.
+    A question is skipped if a policy has no trials for it.
     """
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]

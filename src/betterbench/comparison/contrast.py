@@ -1,4 +1,4 @@
-"""Contrasts between two policies: a difference in rates, with its confidence interval and its test."""
+"""Contrasts between two policies: the difference between their rates, with a confidence interval and a test."""
 
 from __future__ import annotations
 

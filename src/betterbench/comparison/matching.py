@@ -68,7 +68,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials in the conditions that all runs contain.
+    """Return the trials of each run in the conditions that all runs have in common.
 
     Raises:
         InvalidInputError: If the runs have no condition in common.

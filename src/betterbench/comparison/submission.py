@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with its conventions and the hashes of its records."""
+"""Submissions. A submission is one file with the outcomes and conventions of a run, and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -135,7 +135,10 @@ class Submission:
         return asdict(self)
 
     def file_bytes(self) -> bytes:
-        """Return the content of the file as JSON. It has one field or trial per line, so that it is easy to diff."""
+        """Return the content of the file as JSON.
+
+        It has one field or trial per line, so that two files are easy to compare.
+        """
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
         fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]

@@ -71,7 +71,7 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, trials: str) -> str:
-    """Describe the smallest difference that could have been detected, for a comparison without a significant result."""
+    """Describe the smallest detectable difference in a comparison without a significant result."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     if fewer:
         trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"

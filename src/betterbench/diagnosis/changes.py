@@ -184,7 +184,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Describe in a clause how the rule that decided the label has changed."""
+    """Return a clause that describes how the rule that decided the label has changed."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:

@@ -68,7 +68,7 @@ class Exposure:
 
     @property
     def right_slots(self) -> set[str]:
-        """Slots that contain an object which may correctly be picked first."""
+        """Slots that contain an object that may correctly be picked first."""
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:

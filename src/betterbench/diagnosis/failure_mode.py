@@ -34,7 +34,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit while a subgoal was open, or just as the last subgoal was done."""
+        """Whether the episode reached its step limit before the last subgoal was done, or at the same step."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])

@@ -130,7 +130,7 @@ def _first_few(keys: Sequence[str]) -> str:
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
     """Return a clause with the statistical evidence for the decision rule that explains a failure mode.
 
-    The clause is empty for failure modes that no rule explains.
+    If no rule explains it, return an empty string.
     """
     if found is None or mode.rule is None:
         return ""

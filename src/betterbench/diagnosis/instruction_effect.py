@@ -155,7 +155,7 @@ def unused_sentence(effect: Metric) -> str:
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return the conclusion from an instruction effect: the instruction is used, is not used, or this is undecided."""
+    """Return the conclusion from an instruction effect: the instruction is used, is not used, or this is still open."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "

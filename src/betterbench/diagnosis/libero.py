@@ -256,7 +256,7 @@ def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[Picke
 
 
 def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:
-    """Return the rows of the trace in which each object was in or on a target of the instruction."""
+    """Return the rows of the trace where each object was in or on a target of the instruction."""
     info = record.metadata.scene
     found = []
     for goal, t in dict.fromkeys((g.relation, t) for g, t in zip(goals, targets, strict=True)):

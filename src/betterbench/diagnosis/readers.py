@@ -1,4 +1,4 @@
-"""Readers of the records of a run, one for each kind of world."""
+"""Readers for the records of a run, with one reader for each kind of world."""
 
 from __future__ import annotations
 

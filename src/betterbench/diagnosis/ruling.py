@@ -1,4 +1,4 @@
-"""Rulings of the second pass, i.e. conclusions about one trial that are drawn from all trials of the policy."""
+"""Rulings of the second pass. A ruling is a conclusion about one trial, drawn from all trials of the policy."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return whether a kind of rule explains the trial, does not explain it, or whether this cannot be decided."""
+        """Return whether a kind of rule explains the trial, does not explain it, or whether this is undecided."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 

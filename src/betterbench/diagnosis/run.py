@@ -176,7 +176,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for each time the run was continued with a changed policy."""
+    """Yield a note for each time that the run was continued with a changed policy."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):

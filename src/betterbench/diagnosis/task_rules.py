@@ -118,7 +118,7 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of choosing one slot if all slots are equally likely a priori [nats]."""
+    """Return the cost of choosing one slot when all slots are equally likely beforehand [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 
@@ -194,7 +194,7 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials would be enough to prove that a policy always goes to a slot, if it did so."""
+    """Return whether these trials could prove that a policy always goes to a slot, if this were true."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
@@ -243,7 +243,7 @@ class _Judged:
         return found
 
     def _by_cheapest_rule(self, choice: Choice) -> Ruling:
-        """Return the ruling on a trial by the cheapest proven rule that predicts the trial's first attempt."""
+        """Return the ruling on a trial, based on the cheapest proven rule that predicts the first attempt."""
         if choice.correct or choice.slot is None:
             return Ruling("rejected")
         open_place: RuleStatus = "open" if choice.slot in self.open_slots else "rejected"

@@ -189,7 +189,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
     """Return the grasp attempts of an episode in chronological order.
 
-    They include the attempts in which the gripper closed far from all objects.
+    Closings of the gripper far from all objects are included.
     """
     time = episode.trace.time
     far = (

@@ -1,4 +1,4 @@
-"""Results of the diagnosis, for a trial and for a run, as values that can be converted to JSON."""
+"""Results of the diagnosis for a trial and for a run. They can be converted to JSON."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ class TrialDiagnosis:
 
     @property
     def trial_id(self) -> TrialId:
-        """Identifier of the trial, made of its task, its variation or training condition, and its seed."""
+        """Identifier of the trial: its task, its variation or training condition, and its seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
 
     @property
@@ -263,7 +263,7 @@ class RunDiagnosis:
 
     @property
     def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Trials that count in the rates, i.e. all trials that are not ambiguous."""
+        """Trials that are included in the rates, i.e. all trials that are not ambiguous."""
         return tuple(t for t in self.trials if not t.ambiguous)
 
     @property
@@ -300,7 +300,7 @@ class RunDiagnosis:
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the dict that ``better diagnose --json`` prints. Its "trials" contain all planned trials."""
+        """Return the dict that ``better diagnose --json`` prints. The list "trials" contains all planned trials."""
         return {
             "policy": self.policy,
             "trials": [t.to_json() for t in (*self.trials, *self.waiting)],

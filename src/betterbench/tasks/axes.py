@@ -1,4 +1,4 @@
-"""The four axes along which a task is varied, and the behavior expected from a policy."""
+"""The four axes of variation of a task, and the behavior expected from a policy."""
 
 from __future__ import annotations
 

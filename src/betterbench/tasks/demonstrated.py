@@ -82,7 +82,7 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the difference between a height and the nearest release height in training [mm].
+        """Return how far a height is above the nearest release height in training [mm].
 
         The difference is negative if the given height is below the release height.
         """
@@ -180,7 +180,7 @@ class JointPoses:
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
         """Return the poses ``T_middle_object`` of objects specified by kind and asset, in the given order.
 
-        Return None if the demonstration left other objects there, or not all of these.
+        Return None unless the demonstration left exactly these objects there.
         """
         left, found = list(self.objects), []
         for wanted in objects:
@@ -339,7 +339,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
 
 def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
-    """Return the measurements from the demonstrations of a task, or None if there are none for the versions in use."""
+    """Return the measurements from the demonstrations of a task, or None if they were never measured."""
     try:
         return demonstrated(task, engine=engine)
     except InvalidInputError:

@@ -1,6 +1,6 @@
 """Outcome labels, in a package that both the tasks and the diagnosis can import.
 
-The meaning of each label, its rule and its text in reports are in a file for the label in ``diagnosis/modes``.
+Each label has a file in ``diagnosis/modes`` with its meaning, its rule and its text in reports.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Label(str):
 
 
 def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
-    """Create a label. In the order of labels, it comes directly after ``after``, or last if ``after`` is None.
+    """Create a label. It is placed directly after the label ``after``, or at the end of the order if ``after`` is None.
 
     Raises:
         InvalidInputError: If there is already a label with this name.

@@ -108,7 +108,7 @@ class _Renaming(ast.NodeTransformer):
 
 
 def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]:
-    """Split an import from a module of this package into one import statement for each imported name."""
+    """Split an import from a betterbench module into one import statement for each imported name."""
     for alias in names:
         inner = f"{module}.{alias.name}".lstrip(".")
         if (module, alias.name) in NAMES:

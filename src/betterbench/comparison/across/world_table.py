@@ -1,4 +1,4 @@
-"""Table 4 of the betterbench paper, computed from runs: LIBERO success rates and lengths of CALVIN chains."""
+"""Table 4 of the betterbench paper, computed from runs: success rates in LIBERO and chain lengths in CALVIN."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether, from row ``first`` on, the open gripper stays over object ``i`` without descending to it."""
+    """Return whether the open gripper stays over object ``i`` from row ``first`` on without descending to it."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False

@@ -1,4 +1,4 @@
-"""Collisions of the robot, or of the object it holds, with fixtures. They are counted but do not affect success."""
+"""Collisions of the robot or a held object with fixtures. They are counted but do not affect success."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class EpisodeAnalysis:
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
-        """Return whether an attempt is at a drawer and does not push it in."""
+        """Return whether an attempt at a drawer does something other than pushing the drawer in."""
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
@@ -247,7 +247,7 @@ class EpisodeAnalysis:
     def off_limits(self) -> tuple[int, ...]:
         """Indices of the objects that the policy must not touch.
 
-        The result is empty unless the policy is expected to stay still or to refuse an impossible instruction.
+        There are none unless the policy is expected to stay still or to refuse an impossible instruction.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
@@ -511,7 +511,7 @@ class EpisodeAnalysis:
         return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
-        """Return the words of the instruction for the subgoals that are open at a row of the trace, each word once."""
+        """Return the distinct words of the instruction for the subgoals that are open at a row of the trace."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
@@ -782,7 +782,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether the policy, after it pushed an object, tried to grasp another object.
+    """Return whether the policy tried to grasp another object after it pushed one.
 
     If so, the pushed object was only in the gripper's way.
     """

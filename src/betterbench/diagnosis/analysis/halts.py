@@ -1,4 +1,4 @@
-"""Detection of halts, in which the arm stays still or trembles in place until the end although subgoals are open."""
+"""Detection of halts. The arm stays still or trembles in place until the end although subgoals are open."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Confusion matrix of the diagnosis, measured on policies with known faults, with each label's recall and precision."""
+"""Confusion matrix of the diagnosis, and recall and precision of each label, measured on policies with known faults."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
     """Return pairs of a counterfactual twin (the training trial with the same seed) and its variation trial.
 
-    Pairs in which one of the two trials is unfinished or missing are left out.
+    Pairs with an unfinished or missing trial are left out.
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     by_key = {t.key: t for t in ended if t.variation is None}

@@ -139,7 +139,7 @@ class BlindCell:
 
     @property
     def flagged(self) -> bool:
-        """Whether the rate exceeds chance significantly, at the 5 % level after Holm's correction."""
+        """Whether the rate is significantly higher than chance (5 % level, after Holm's correction)."""
         return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property
@@ -191,7 +191,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of the wrong decisions that make policies with a faulty rule fail a variation."""
+        """Return the labels of the wrong decisions that cause policies with a faulty rule to fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)

@@ -108,7 +108,7 @@ class Standing:
 
     @property
     def proven(self) -> Rate:
-        """Fraction of variations on which the policy exceeds the shortcut ceiling significantly.
+        """Fraction of variations where the policy is significantly better than the shortcut ceiling.
 
         Controls are left out.
         """

@@ -1,4 +1,4 @@
-"""Behavioral inertia: the policy repeats a training step although it is not requested or its object is missing."""
+"""Behavioral inertia: the policy repeats a step from training that is not requested or lacks its object."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object is put in a place that would be correct if the target stood in its training slot."""
+    """Return evidence if an object is put where it would belong if the target were still in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None

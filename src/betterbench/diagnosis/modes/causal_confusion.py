@@ -74,7 +74,7 @@ def _missing_content(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
-    """Return a sentence about an attempt to shut a drawer before its content is inside."""
+    """Return a sentence about an attempt to shut a drawer before the required object is inside."""
     does = "shuts" if episode.pushes_in(step) else "goes for"
     content, late = episode.asked_words(missing), episode.attempted_after(missing, step.grasp.start)
     if late:

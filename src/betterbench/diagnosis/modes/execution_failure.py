@@ -117,7 +117,7 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
 def _find(trial: TrialView) -> Evidence | None:
     """Find the first failure that was not corrected later.
 
-    If there is none, find a missed goal without another explanation.
+    If there is none, find a goal that was missed for no other known reason.
     """
     episode = trial.episode
     if trial.unexplained:
@@ -355,7 +355,7 @@ def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | No
 
 
 def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
-    """Return evidence if an object left the gripper and came to rest outside every plausible target region."""
+    """Return evidence if an object left the gripper and came to rest outside all plausible target regions."""
     trace, rows = episode.trace, episode.let_go(step)
     if rows is None:
         return None

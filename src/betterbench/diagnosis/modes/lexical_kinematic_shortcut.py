@@ -110,5 +110,5 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was current at an attempt, or of the first subgoal if none was open."""
+    """Return the word of the subgoal that was due at an attempt, or the word of the first subgoal if none was open."""
     return next(iter(words_of(episode, step)), None)

@@ -101,7 +101,7 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether, after the last grasp, the gripper moves an object aside or approaches a requested object."""
+    """Return whether the gripper moves an object aside or approaches a requested object after the last grasp."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]

@@ -59,7 +59,7 @@ class _At:
 
 
 def _place(at: _At | None) -> str:
-    """Return a location as text ("training[0].objects[1].name")."""
+    """Return a location as a string ("training[0].objects[1].name")."""
     steps = []
     while at is not None:
         steps.append(f"[{one_line(repr(at.step), most=40)}]" if at.is_key else str(at.step))

@@ -70,5 +70,5 @@ class Task:
         return find_named(f"variation of {self.id}", name, self.variations)
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the number of control steps after which an episode in the condition ends."""
+        """Return the maximum number of control steps of an episode in the condition."""
         return self.template.step_limit(condition)

@@ -112,13 +112,13 @@ class Template(Meta, Protocol):
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the number of control steps after which an episode in the condition ends."""
+        """Return the maximum number of control steps of an episode in the condition."""
         if condition.expected is Expected.STAY_STILL:
             return self.still_steps
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Describe how a condition violates the template, in one clause for each violation.
+        """Return one clause for each way in which a condition violates the template.
 
         The result is empty if the condition follows the template.
         """

@@ -1,4 +1,4 @@
-"""Look-up of balanced training conditions, and of the slots that only listed regimes use."""
+"""Lookup of balanced training conditions, and of the slots that only listed regimes use."""
 
 from __future__ import annotations
 

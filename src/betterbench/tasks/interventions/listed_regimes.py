@@ -1,4 +1,4 @@
-"""Look-up of listed regimes by name, in the ``regimes`` field of a task."""
+"""Lookup of listed regimes by name, in the ``regimes`` field of a task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Look-up of conditions by name. All other modules find conditions by calling these functions."""
+"""Lookup of conditions by name. All other modules find conditions by calling these functions."""
 
 from __future__ import annotations
 

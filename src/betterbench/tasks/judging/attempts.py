@@ -264,7 +264,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Return whether an empty gripper opened again long before the fingers had closed fully."""
+    """Return whether an empty gripper reopened long before its fingers were fully closed."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width

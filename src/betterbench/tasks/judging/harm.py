@@ -255,7 +255,7 @@ class HarmWatch:
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return the objects of a requested kind that are not needed (surplus) and are out of place in a state.
+        """Return the surplus objects that are out of place in a state. They are of a requested kind but are not needed.
 
         A surplus object may be taken as long as it is brought back.
         """
@@ -281,7 +281,7 @@ def has_upright(thing: ObjectInfo) -> bool:
 def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINTS_FROM) -> bool:
     """Return whether one can see that an object was rotated.
 
-    One can see it if the object is longer than wide, or if it is a box with a front.
+    The rotation is visible if the object is longer than wide, or if it is a box with a front.
     """
     width, depth, _ = thing.size_m
     least = least_by_shape.get(thing.shape)

@@ -121,9 +121,9 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the slot that represents the given slot in rules about motions.
+        """Return the slot that stands for the given slot in rules about motions.
 
-        If several slots are reached by the same motion, they are represented by the first of them.
+        If several slots are reached by the same motion, the first of them stands for all.
         """
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)

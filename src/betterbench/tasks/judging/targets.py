@@ -98,7 +98,7 @@ class Targets:
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:
-        """Return whether each predicate holds. The order is by target, then by object, then by region."""
+        """Return whether each predicate holds. The results are sorted by target, then by object, then by region."""
         return tuple(
             is_at(place, region)
             for watch, there in zip(self.watches, places, strict=True)
@@ -157,7 +157,7 @@ class Targets:
         return None
 
     def left_over(self, strictly: Places) -> tuple[str, ...]:
-        """Return the surplus objects, which are of a requested kind but are no longer needed.
+        """Return the surplus objects. They are of a requested kind but are no longer needed.
 
         For example, if one burger was requested and one is at the target, the second burger is surplus.
         """

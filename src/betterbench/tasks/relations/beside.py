@@ -1,4 +1,4 @@
-"""Relation "beside": an object is at a certain side of another object, called the anchor."""
+"""Relation "beside": an object is on a certain side of another object, called the anchor."""
 
 import functools
 import math

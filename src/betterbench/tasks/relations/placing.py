@@ -83,6 +83,6 @@ def standing_goals(
 
 
 def turned_by(state: WorldState, name: str, turns: Iterable[float]) -> list[float]:
-    """Return the headings of an object that result if the gripper turns by small angles [rad]."""
+    """Return the headings that an object has after small rotations of the gripper [rad]."""
     now = yaw_of(state.pose(name).quaternion)
     return [now + turn for turn in turns]

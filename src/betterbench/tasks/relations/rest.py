@@ -1,4 +1,4 @@
-"""Tests for whether objects are at rest, whether the arm is at rest, and whether objects are upright."""
+"""Tests of whether objects are at rest, whether the arm is at rest, and whether objects are upright."""
 
 from collections import deque
 
@@ -57,7 +57,7 @@ def upright(state: WorldState, name: str) -> bool:
 
 
 def lies_on_side(state: WorldState, name: str) -> bool:
-    """Return whether an object is tilted so far from the upright posture of its asset that it was knocked over."""
+    """Return whether an object is tilted so far from its upright posture that it counts as knocked over."""
     return tilt_of(state.quaternion(name)) > THRESHOLDS.knocked_tilt
 
 

@@ -46,7 +46,10 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words of an instruction that identify the object to pick. Without such words, return its kind."""
+    """Return the words of an instruction that identify the object to pick.
+
+    If there are no such words, return the kind of the object.
+    """
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 

@@ -174,7 +174,7 @@ def _check(results: Sequence[ChainResult]) -> None:
 def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
     """Return the average length with its interval.
 
-    If all chains are equally long, Wilson's interval for n of n is used.
+    If all chains have the same length, Wilson's interval for n out of n is used.
     """
     empty = [ChainResult(result.number, ()) for result in results]
     found = _difference(list(zip(results, empty, strict=True)))

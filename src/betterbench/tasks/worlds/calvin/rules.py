@@ -116,6 +116,6 @@ def _on(block: BlockInfo, scene: PlayTable) -> bool:
 
 
 def _stacked(block: BlockInfo, scene: PlayTable) -> bool:
-    """Return whether a block is at rest and touches nothing but other blocks."""
+    """Return whether a block is at rest and touches only other blocks."""
     bodies = {other.body for other in scene.blocks.values()}
     return _on(block, scene) and block.bodies <= bodies and all(abs(part) < REST for part in block.velocity)
