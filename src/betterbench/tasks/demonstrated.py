@@ -339,7 +339,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
 
 def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
-    """Return the measurements from the demonstrations of a task, or None if they were never measured."""
+    """Return the measurements from the demonstrations of a task, or None if there are none for the versions in use."""
     try:
         return demonstrated(task, engine=engine)
     except InvalidInputError:
