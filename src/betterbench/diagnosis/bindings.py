@@ -48,10 +48,10 @@ class _FirstWord:
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about the instruction words that the policy mistakes for other words, or an empty string.
 
-    A word counts as confused if, in nearly all trials with this word, the policy takes it for the same other word.
-    These trials must be significantly more than half of the trials with confused words, and they must include at least
-    half of the failures. At least two different words must be confused, because a single confused word may only show
-    that the policy has a favorite object.
+    A word is confused if the policy takes it for the same other word in nearly all trials with this word. These trials
+    must be significantly more than half of the trials with confused words, and they must include at least half of the
+    failures. At least two different words must be confused, because a single confused word may only show that the
+    policy has a favorite object.
 
     Args:
         trials: All trials of the run.

@@ -61,7 +61,7 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 def _by_place(attempts: Sequence[Choice]) -> bool:
     """Return whether nearly all attempts are at the policy's favorite slot.
 
-    If the favorite slot is empty in a trial, an attempt at the second favorite slot counts instead.
+    If the favorite slot is empty in a trial, the attempt may be at the second favorite slot instead.
     """
     rest, followed = list(attempts), 0
     while rest:

@@ -246,7 +246,7 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which the base suite picks objects, without the points where the gripper closes there.
+    """Return the regions where the base suite picks up objects, without the points where the gripper closes there.
 
     LIBERO's files do not state these points.
     """

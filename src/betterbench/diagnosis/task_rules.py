@@ -161,8 +161,8 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """In each first attempt, set the slot that the policy may prefer.
 
-    This is the slot of most first attempts in trials with the same occupied slots. If ``paired`` is True, a slot only
-    counts if a pair of trials shows that the policy prefers it regardless of the instruction.
+    This is the slot of most first attempts in trials with the same occupied slots. If ``paired`` is True, a slot is
+    only set if a pair of trials shows that the policy prefers it regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):

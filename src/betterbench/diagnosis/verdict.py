@@ -80,7 +80,7 @@ class TrialDiagnosis:
         expected: Expected behavior: "succeed", "refuse", "stay_still" or "ambiguous".
         label: Outcome label.
         first_attempt: Name of the object of the first grasp attempt. None if there was no attempt, or if the gripper
-            closed without an object. A drawer only counts if the first step of the instruction is about the drawer
+            closed without an object. A drawer is only named if the first step of the instruction is about the drawer
             itself.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.

@@ -64,7 +64,7 @@ class Releases:
         relation: Relation that the release establishes.
         region: Region of the target, or "" if the target has only one region.
         level: Number of objects between the released object and the table at the slot.
-        heights_mm: Heights above the table at which the lower end of the object was released [mm], sorted.
+        heights_mm: Heights of the lower end of the object above the table when it was released [mm], sorted.
         points_mm: Positions (x, y) of the object's base in the frame of the target, relative to the center of the
             region [mm].
     """

@@ -95,7 +95,7 @@ def remove_label(label: Label) -> None:
 
 
 def all_labels() -> tuple[Label, ...]:
-    """Return all labels in their order.
+    """Return all labels in label order.
 
     ``wrong_object`` is the most general reasoning label, so it comes after all other reasoning labels.
     """

@@ -112,8 +112,8 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
     """Return whether the gripper was over a requested object about as long or as often as it was over the chosen one.
 
-    Only the time that the gripper spends below a certain height above the table counts. The height is the same for both
-    objects, because otherwise a descending gripper would count as being over the taller object earlier.
+    Only the time that the gripper spends below a certain height above the table is compared. The height is the same for
+    both objects, because otherwise a descending gripper would count as being over the taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)

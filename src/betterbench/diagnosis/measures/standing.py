@@ -1,7 +1,7 @@
 """Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
 
-The comparison consists of the pretenders' success rates as reference lines, the pretender whose outcomes are most
-similar, and the margins by which the policy exceeds the best pretender on each variation.
+The comparison has three parts: the pretenders' success rates as reference lines, the pretender with the most similar
+outcomes, and the policy's margin over the best pretender on each variation.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """Margin by which a policy's success rate on a variation exceeds the variation's shortcut ceiling.
+    """Difference between a policy's success rate on a variation and the shortcut ceiling of the variation.
 
     Attributes:
         task: Name of the task.

@@ -26,9 +26,9 @@ def _exposed(x: Exposure) -> bool:
     """Return whether the scene allows a step that was usual in training but is not requested.
 
     This can be the first step, target or slot that was usual in training, or the next step of a memorized sequence if
-    its object is missing. A grasp at an emptied slot counts if it replaces a step, or if no object should be grasped.
-    It does not count if the slot now contains a different kind of object and a word of the instruction led to this slot
-    in training, because a first grasp there is another failure mode.
+    its object is missing. A grasp at an emptied slot is included if it replaces a step, or if no object should be
+    grasped. It is not included if the slot now contains a different kind of object and a word of the instruction led to
+    this slot in training, because a first grasp there is another failure mode.
     """
     if x.lacks_later_step:
         return True

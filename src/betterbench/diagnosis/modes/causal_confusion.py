@@ -19,8 +19,8 @@ from betterbench.tasks.relations import relation
 def _exposed(x: Exposure) -> bool:
     """Return whether the initial scene has fewer objects than training scenes, or whether a step can be repeated.
 
-    There are also fewer objects on the table if steps are already done. This does not count, because a policy that only
-    counts objects then acts correctly.
+    There are also fewer objects on the table if steps are already done. Such scenes are not considered, because a
+    policy that only counts objects acts correctly in them.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)

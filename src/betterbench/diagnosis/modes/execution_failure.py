@@ -313,8 +313,8 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 def _brought_later(trial: TrialView, step: Step) -> bool:
     """Return whether a later attempt for the same subgoal brought its object to some target region.
 
-    This counts even if the region is the wrong one, because only the manipulation is judged here. An object that was
-    released high above a region may have landed there by accident, unless the target is a container.
+    The result is True even if the region is the wrong one, because only the manipulation is judged here. An object that
+    was released high above a region may have landed there by accident, unless the target is a container.
     """
     episode = trial.episode
     for later in episode.steps:

@@ -174,7 +174,7 @@ def condition(
     Args:
         layout: Slot where each object starts.
         instruction: Instruction with its subgoals.
-        *mounted: Drawers, which start in their mounts.
+        *mounted: Drawers. They start in their mounts.
         preplaced: Objects of the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with the width of their opening [m].
         cloth: Color of the tablecloth. By default, the table has no cloth.

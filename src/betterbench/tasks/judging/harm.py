@@ -279,7 +279,7 @@ def has_upright(thing: ObjectInfo) -> bool:
 
 
 def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINTS_FROM) -> bool:
-    """Return whether one can see that an object was rotated.
+    """Return whether the rotation of an object is visible.
 
     The rotation is visible if the object is longer than wide, or if it is a box with a front.
     """

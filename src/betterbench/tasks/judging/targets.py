@@ -110,7 +110,7 @@ class Targets:
         """Return the region that contains each tracked object, whatever its posture.
 
         For a wide relation such as "beside", an object may be in the region without having been brought there. For such
-        a relation, the object only counts if it passes a looser check with a smaller region.
+        a relation, a looser check with a smaller region is used instead.
 
         Args:
             state: The state.
