@@ -190,7 +190,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("diagnose", "no/such/run"), "no run"),
         (("report", "no/such/run"), "no run"),
         (("report",), "runs: no run was given"),
-        (("compare",), "Give at least two"),
+        (("compare",), "Pass at least two"),
         (("eval", "--policy", "expert", "--out", ""), "--out: the folder name is empty"),
         (("eval", "--policy", "expert", "--out="), "--out: the folder name is empty"),
         (("export",), "runs: no run was given"),

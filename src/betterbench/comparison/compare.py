@@ -36,9 +36,9 @@ class Comparison:
         sides: The compared runs.
         matching: Trials that were compared.
         alpha: Significance level.
-        groups: Success overall, on training conditions, per axis and per task, followed by kinds of failure and labels
-            over all variations.
-        sequential: Evidence on success that remains valid while runs are unfinished. Empty unless requested.
+        groups: Comparisons of success overall, on training conditions, per axis and per task, followed by comparisons
+            of the kinds of failure and the labels over all variations.
+        sequential: Comparisons of success that are valid even while runs are unfinished. Empty unless requested.
         verdict: Sentences that state the result, most important first.
         notes: Notes on the limits of the comparison.
         standings: Comparison of each policy with the pretenders (simulated policies that lack the tested abilities), on
@@ -97,7 +97,7 @@ def compare(
 ) -> Comparison:
     """Compare runs of several policies on the trials that all of them contain.
 
-    Every planned trial counts, including trials that could not be run. Two policies differ significantly if the
+    All planned trials are included, even trials that could not be run. Two policies differ significantly if the
     Holm-corrected p-value is at most ``alpha`` and the confidence interval of the difference excludes zero. The exact
     test treats pairs as independent, whereas the interval accounts for pairs that share a scene.
 
@@ -114,11 +114,11 @@ def compare(
     """
     if not 0.0 < alpha < 1.0:
         raise InvalidInputError(
-            "--alpha", f"{alpha:g} is not a significance level", "Give a number between 0 and 1, such as 0.05"
+            "--alpha", f"{alpha:g} is not a significance level", "Use a number between 0 and 1, such as 0.05"
         )
     if len(sides) < 2:
         raise InvalidInputError(
-            "runs", f"a comparison needs at least two runs, got {len(sides)}", "Give at least two runs"
+            "runs", f"a comparison needs at least two runs, got {len(sides)}", "Pass at least two runs"
         )
     matching = match_sides(sides, allow_mixed=allow_mixed)
     if sequential and not matching.paired:
@@ -138,13 +138,13 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """Question that a comparison asks: what is counted (the measure), and in which trials (the scope)."""
+    """Question to test: which outcome is counted (the measure), and in which trials (the scope)."""
 
     measure: str
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in which the question is asked, each with True if it has the outcome that is counted."""
+        """Return the trials in the scope of the question, and for each whether it has the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -167,7 +167,8 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
-    # A label that no policy shows cannot differ. Leaving it out of the correction does not depend on any difference.
+    # A label that occurs for no policy cannot differ. It can be left out of the correction, because this decision does
+    # not depend on any difference between policies.
     shown = {t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED)}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
@@ -175,7 +176,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
     """Compare the policies on each question of a family, and correct the p-values together.
 
-    Questions for which a policy has no trials are skipped.
+    A question is skipped if a policy has no trials for it.
     """
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
@@ -228,7 +229,7 @@ def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iter
     """Yield the sequential evidence for every pair of compared policies.
 
     Paired trials are used in the order of the run, up to the first pair that one of the runs has not finished. The
-    selection therefore does not depend on outcomes, and a later inspection adds to it.
+    selection therefore does not depend on the outcomes, and a later inspection only adds pairs to it.
     """
     order = sorted(
         (k for k, t in enumerate(matching.trials[0]) if t.variation is not None),

@@ -1,4 +1,4 @@
-"""Contrasts between two policies: a difference in rates, with its confidence interval and its test."""
+"""Contrasts between two policies: the difference between their rates, with a confidence interval and a test."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Largest number of trials of a policy for which Boschloo's test is used, which takes 2 s at this size.
-
-For larger samples, Barnard's test is used, whose results are very similar.
+"""Largest number of trials of a policy for which Boschloo's test is used. The test takes 2 s at this size. For larger
+samples, Barnard's test is used, which gives very similar results.
 """
 
 
@@ -42,8 +41,8 @@ class Contrast:
         measure: "success", a kind of failure, or a label.
         scope: Set of trials: "overall" (variations), "training", "axis:temporal_extrapolation", or the id of a task
             (its variations).
-        first: Name of the policy from whose rate the other rate is subtracted.
-        second: Name of the policy whose rate is subtracted.
+        first: Name of the first policy. The difference is its rate minus the rate of the second policy.
+        second: Name of the second policy.
         first_rate: Rate of the first policy.
         second_rate: Rate of the second policy.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
@@ -51,7 +50,7 @@ class Contrast:
         test: Name of the test.
         p_value: p-value of the test.
         p_adjusted: p-value after Holm's correction over the family.
-        family: Number of contrasts in the family.
+        family: Number of contrasts in the family. Their p-values are corrected together.
         different: Whether the rates differ significantly, i.e. ``p_adjusted`` is at most alpha and the interval
             excludes zero.
         smallest: Smallest difference that these trials could have detected, or None if it was not computed.
@@ -121,7 +120,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class SequentialContrast:
-    """Sequential comparison of the success rates of two policies, which is valid while the runs are unfinished.
+    """Sequential comparison of two policies' success rates. It is valid even while the runs are unfinished.
 
     Attributes:
         first: Name of the first policy.
@@ -158,17 +157,17 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with True if it has the outcome that is counted."""
+"""Trials, each with a flag that is True if the trial has the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:
-    """Return the fraction of trials that have the outcome which is counted."""
+    """Return the fraction of trials that have the counted outcome."""
     return Rate(sum(happened for _, happened in counted), len(counted))
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """Trials of two policies. Each comes with a flag that states whether the trial has the outcome that is counted.
+    """Trials of two policies. Each comes with a flag that is True if the trial has the counted outcome.
 
     Attributes:
         first: Trials of the first policy.

@@ -1,4 +1,7 @@
-"""Conventions that affect outcomes, read from the plan of a run and from its records."""
+"""Conventions that affect outcomes, such as versions and control rates.
+
+They are read from the plan and the records of a run.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
 
     Args:
         plan: Plan as JSON. Conventions that the plan does not state are skipped.
-        versions: Versions in the records, which take precedence over those in the plan.
+        versions: Versions in the records. They take precedence over versions in the plan.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
     for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):

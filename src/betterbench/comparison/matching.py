@@ -68,7 +68,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials in the conditions that all runs contain.
+    """Return the trials of each run in the conditions that all runs have in common.
 
     Raises:
         InvalidInputError: If the runs have no condition in common.
@@ -118,7 +118,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
         if name.startswith(_DECISIVE) and not allow_mixed:
             raise RunConflictError(
                 f"{name} differs: {listed}. Repeat one of the runs under the same conventions, "
-                "or give --allow-mixed and interpret the results with care."
+                "or use --allow-mixed and interpret the results with care."
             )
         yield f"{name} differs: {listed}."
 

@@ -1,4 +1,4 @@
-"""Sides of a comparison, i.e. the compared runs, each with its diagnosis and its conventions."""
+"""Runs in a comparison (its sides), each with its diagnosis and its conventions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Side:
         name: Name that the policy declared. If two names are equal, the folder name is added.
         diagnosis: Diagnosis of the run.
         path: Folder of the run, or path of the submission file.
-        unfinished: Keys of the planned trials that have neither ended nor failed to run.
+        unfinished: Keys of the planned trials that have not ended yet, except for trials that could not be run.
         conventions: Versions and other conventions in the plan and the records, by name.
     """
 
@@ -58,7 +58,7 @@ def load_sides(
     """
     if len(paths) < 2:
         raise InvalidInputError(
-            "runs", f"a comparison needs at least two runs, got {len(paths)}", "Give at least two run folders"
+            "runs", f"a comparison needs at least two runs, got {len(paths)}", "Pass at least two run folders"
         )
     require_each_once(paths)
     sources = [read_submission(path) if path.is_file() else RunFolder.open(path) for path in paths]
@@ -86,7 +86,7 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return a run folder from which the name of a compared run can be read.
+    """Return a run folder that contains the name of a compared run.
 
     For a submission, this is a stand-in that contains only the policy's address and name.
     """

@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with its conventions and the hashes of its records."""
+"""Submissions. A submission is one file with the outcomes and conventions of a run, and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SUBMISSION_SCHEMA_VERSION = 1
 """Version of the file format. It is increased when an earlier version would misread a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
-_CURE = "Give the folder of a run, or a file written by better export"
+_CURE = "Pass the folder of a run, or a file written by `better export`"
 
 Line = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")]
 Text = Annotated[str, Field(max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
@@ -84,7 +84,7 @@ class SubmittedTrial:
             )
         labels = {label.value: label for label in all_labels()}
         if self.label not in labels:
-            raise InvalidInputError(self.key, f"{self.label!r} is not a label of this version", _CURE)
+            raise InvalidInputError(self.key, f"{self.label!r} is not a label of this version of betterbench", _CURE)
         if self.success != (labels[self.label].kind is Kind.NONE):
             raise InvalidInputError(
                 self.key, f"success is {self.success}, which contradicts the label {self.label}", _CURE
@@ -92,7 +92,7 @@ class SubmittedTrial:
 
     @property
     def key(self) -> str:
-        """Key of the trial as text ("fast_food/T1/3")."""
+        """Key of the trial as a string ("fast_food/T1/3")."""
         return str(TrialId(self.task, self.condition, self.seed))
 
 
@@ -135,7 +135,10 @@ class Submission:
         return asdict(self)
 
     def file_bytes(self) -> bytes:
-        """Return the content of the file as JSON. It has one field or trial per line, so that it is easy to diff."""
+        """Return the content of the file as JSON.
+
+        It has one field or trial per line, so that two files are easy to compare.
+        """
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
         fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]
@@ -150,7 +153,7 @@ class Submission:
         return replace(self, sha256=_hash_of(form))
 
     def diagnosis(self) -> RunDiagnosis:
-        """Convert the outcomes to a diagnosis, which has no attempts and no evidence.
+        """Convert the outcomes to a diagnosis without attempts and without evidence.
 
         Raises:
             UnknownNameError: If this installation does not have a task or a condition of the submission.
@@ -207,7 +210,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
         _FORM,
         form,
         where=str(run.path),
-        cure="Give a --name of 1 to 400 printable characters",
+        cure="Use a --name of 1 to 400 printable characters",
     ).sealed()
 
 
@@ -260,7 +263,7 @@ def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount
         where, there, stated = difference
         raise RunConflictError(
             f"{where} is {there} according to the records of {run.path}, but the submission states {stated}. "
-            "Export the run again, or ask for the run from which the submission was made."
+            "Export the run again, or ask for the original run."
         )
 
 
@@ -280,7 +283,7 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 
 
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
-    """Convert a submitted trial to a diagnosis, which has a label but no evidence."""
+    """Convert a submitted trial to a diagnosis with a label but without evidence."""
     resolved = _resolved(trial.task, trial.condition)
     # Before version 0.2, submissions labeled unfinished trials as policy errors.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)

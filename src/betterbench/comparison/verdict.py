@@ -1,4 +1,4 @@
-"""Verdict of a comparison in sentences, with the size of the differences that the trials could not have detected."""
+"""Sentences that state the result of a comparison, and the smallest difference that its trials could have detected."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Describe in words which trials a comparison covers. Names of tasks in other worlds are not changed."""
+    """Describe in words which trials a comparison covers. Task names of other worlds are used as they are."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
@@ -71,7 +71,7 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, trials: str) -> str:
-    """Describe the smallest difference that could have been detected, for a comparison without a significant result."""
+    """Describe the smallest detectable difference in a comparison without a significant result."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     if fewer:
         trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"

@@ -1,8 +1,8 @@
 """Words and targets that a policy consistently confuses, inferred from the first attempts in a run.
 
-A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. A single
-trial with a wrong object may be due to chance, and is therefore labeled ``wrong_object``. Several trials with the same
-words can show a confusion, because a policy that chooses at random would sometimes be correct.
+A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. In a
+single trial, a wrong object may be chosen by chance, so the trial is labeled ``wrong_object``. Several trials with the
+same words can show a confusion, because a policy that chooses at random would sometimes be correct.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """Word in the instruction for the first requested object, and words for the object that was attempted first.
+    """Instruction word for the first requested object, and the words for the object that was attempted first.
 
     Attributes:
         word: Word of the instruction for the first requested object.
@@ -48,10 +48,10 @@ class _FirstWord:
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about the instruction words that the policy mistakes for other words, or an empty string.
 
-    A word counts as confused if, in nearly all trials with this word, the policy takes it for the same other word.
-    These trials must be significantly more than half of the trials with confused words, and they must include at least
-    half of the failures. At least two different words must be confused, because a single confused word may only show
-    that the policy has a favorite object.
+    A word is confused if the policy takes it for the same other word in nearly all trials with this word. These trials
+    must be significantly more than half of the trials with confused words, and they must include at least half of the
+    failures. At least two different words must be confused, because a single confused word may only show that the
+    policy has a favorite object.
 
     Args:
         trials: All trials of the run.
@@ -101,7 +101,7 @@ def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
 
 
 def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
-    """Return the confused words, each with the word for which the policy mistakes it.
+    """Return the confused words, each with the word that the policy mistakes it for.
 
     Each confused word needs evidence from two trials. If two words are mistaken for each other, one trial for each of
     them is enough.

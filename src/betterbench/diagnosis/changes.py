@@ -24,14 +24,14 @@ Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """
 
 _SAME_TIME = 1e-6
-"""Largest difference between two times that still counts as none [s]. A control step is 0.05 s."""
+"""Times that differ by at most this much are treated as equal [s]. A control step is 0.05 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThresholdChange:
-    """Threshold whose value differs between two diagnoses.
+    """Threshold with different values in two diagnoses.
 
-    The value of a diagnosis that lacks the threshold is None.
+    If a diagnosis lacks the threshold, its value is None.
     """
 
     name: str
@@ -41,7 +41,7 @@ class ThresholdChange:
 
 @dataclass(frozen=True, slots=True)
 class TrialChange:
-    """Trial whose diagnosis has changed.
+    """Trial with a changed diagnosis.
 
     Attributes:
         key: Key of the trial ("fast_food/T1/3").
@@ -72,7 +72,7 @@ class TrialChange:
 
 @dataclass(frozen=True, slots=True)
 class MetricChange:
-    """Metric that differs between two diagnoses. The value of a diagnosis that lacks the metric is None."""
+    """Metric that differs between two diagnoses. If a diagnosis lacks the metric, its value is None."""
 
     name: str
     scope: str
@@ -102,12 +102,15 @@ class DiagnosisChanges:
 
     @property
     def counts(self) -> dict[tuple[str, str], int]:
-        """Number of trials for each label change (stored, new) of the same record, most frequent change first."""
+        """Number of trials for each change of label (stored, new), most frequent change first.
+
+        Trials with a replaced record are not counted.
+        """
         changed = Counter(t.labels for t in self.of_sort("label"))
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
     def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
-        """Return the trials whose difference is of one of the given kinds."""
+        """Return the trials with a difference of one of the given kinds."""
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:
@@ -134,7 +137,7 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield each key for which two mappings have different values, with both values.
+    """Yield each key with different values in two mappings, together with both values.
 
     The keys are in the order of the new mapping.
     """
@@ -157,7 +160,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Describe in a clause how the record of a trial was replaced, or return None if no replacement is visible."""
+    """Return a clause that describes how the record of a trial was replaced, or None if it was not visibly replaced."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
@@ -181,7 +184,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Describe in a clause how the rule that decided the label has changed."""
+    """Return a clause that describes how the rule that decided the label has changed."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:

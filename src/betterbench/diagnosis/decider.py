@@ -16,7 +16,7 @@ class Decider:
     """Cues that explain the first targets of a policy that ignores the instruction.
 
     Attributes:
-        names: Cues, each of which explains the first attempts on its own. Empty if no known cue explains them.
+        names: Cues that each explain the first attempts on their own. Empty if no known cue explains them.
     """
 
     names: tuple[str, ...]
@@ -27,7 +27,7 @@ class Decider:
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:
-        """Describe in a phrase the cues that explain the first attempts."""
+        """Return a phrase that describes the cues that explain the first attempts."""
         if not self.names:
             return (
                 "not a slot, a kind, a color or the nearest object, but another cue that is constant within a seed, "
@@ -61,7 +61,7 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 def _by_place(attempts: Sequence[Choice]) -> bool:
     """Return whether nearly all attempts are at the policy's favorite slot.
 
-    In trials in which the favorite slot is empty, attempts at the second favorite slot count.
+    If the favorite slot is empty in a trial, the attempt may be at the second favorite slot instead.
     """
     rest, followed = list(attempts), 0
     while rest:
@@ -75,6 +75,6 @@ def _by_place(attempts: Sequence[Choice]) -> bool:
 
 
 def _usual(names: Sequence[str]) -> str | None:
-    """Return the name that nearly all choices have in common, or None if there is no such name."""
+    """Return the name that nearly all choices share, or None if there is none."""
     most = max(sorted(set(names)), key=names.count, default=None)
     return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

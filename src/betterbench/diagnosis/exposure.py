@@ -22,11 +22,11 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Test condition of a variation, with the condition from which it is derived and the task's training distribution.
+    """Test condition of a variation, with its original training condition and the task's training distribution.
 
     Attributes:
         task: The task.
-        base: Training condition from which the variation is derived.
+        base: Training condition that the variation is derived from.
         test: Test condition.
         trained: Training distribution of the task.
     """
@@ -38,7 +38,7 @@ class Exposure:
 
     @classmethod
     def of(cls, task_id: str, variation: str) -> Exposure:
-        """Look up a variation of a task, and return what its test condition can reveal.
+        """Return the exposure of a variation, looked up by the names of its task and the variation.
 
         Raises:
             UnknownNameError: If the task or variation does not exist.
@@ -53,12 +53,12 @@ class Exposure:
         return self.test.instruction.subgoals
 
     def slots(self, goal: Subgoal) -> set[str]:
-        """Return the starting slots of the objects to which a subgoal refers."""
+        """Return the starting slots of the objects that a subgoal refers to."""
         return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals, in the instruction's order, that are not done at the start and whose object is in the scene."""
+        """Subgoals that are not done at the start and have their object in the scene, in the instruction's order."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
@@ -68,7 +68,7 @@ class Exposure:
 
     @property
     def right_slots(self) -> set[str]:
-        """Slots that contain an object which may correctly be picked first."""
+        """Slots that contain an object that may correctly be picked first."""
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:
@@ -83,12 +83,12 @@ class Exposure:
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
-        """Return the kinds of the objects to which a subgoal refers."""
+        """Return the kinds of the objects that a subgoal refers to."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
 
     @property
     def lacks_later_step(self) -> bool:
-        """Whether training has a later step for this instruction whose object is missing from the scene.
+        """Whether this instruction had a later step in training that needs an object missing from the scene.
 
         This is False if the condition is ambiguous, because then no behavior counts as a failure.
         """
@@ -96,9 +96,9 @@ class Exposure:
 
 
 def absent_steps(task: Task, condition: Condition) -> set[int]:
-    """Return the indices of the steps whose object is missing from the scene.
+    """Return the indices of the steps that need an object that is missing from the scene.
 
-    The steps are those of the training instructions that have the same text as the instruction of the condition.
+    The steps are taken from the training instructions with the same text as the instruction of the condition.
     """
     here = {o.kind for o in condition.objects}
     return {

@@ -1,4 +1,4 @@
-"""Failure modes: the class with which each file in ``modes`` registers its mode, and the input that a detector gets."""
+"""Class that each file in ``modes`` uses to register its failure mode, and the input passed to detectors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit while a subgoal was open, or just as the last subgoal was done."""
+        """Whether the episode reached its step limit before the last subgoal was done, or at the same step."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -54,8 +54,8 @@ class FailureMode:
     Attributes:
         label: Label of the mode.
         short: Name of one or two words, for bar charts.
-        definition: Condition that the record must meet, in one sentence (suite, section 5).
-        conclusion: Conclusion about a policy whose failures are mostly of this mode, in one sentence.
+        definition: Condition that the record must meet, in one sentence.
+        conclusion: Conclusion about a policy that fails mostly in this mode, in one sentence.
         sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty string.
         finding: Beginning of the sentence that counts the trials with this mode. Empty if the mode yields no finding.
         detail: Function that returns the end of that sentence, with the properties that these trials have in common.
@@ -102,12 +102,12 @@ class FailureMode:
         return self.title or self.label.value.replace("_", " ").capitalize()
 
     def conclude(self, trials: Sequence[TrialDiagnosis]) -> str:
-        """Return the conclusion about a policy from the trials in which it has this failure mode."""
+        """Return the conclusion about a policy from its trials with this failure mode."""
         return (self.sharper(trials) if self.sharper is not None and trials else "") or self.conclusion
 
     @property
     def family(self) -> str:
-        """Group of the label, which determines its color in figures: "right", "reasoning", "execution" or "system"."""
+        """Group of the label: "right", "reasoning", "execution" or "system". It determines the color in figures."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 

@@ -1,4 +1,4 @@
-"""Favorite kind of object of a policy, determined in worlds in which every task has its own scene.
+"""Favorite kind of object of a policy, determined in worlds where every task has its own scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether the policy uses it
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so there are no such pairs
@@ -24,9 +24,9 @@ class FavoriteThing:
 
     Attributes:
         kind: The favorite kind of object.
-        rate: Fraction of trials that begin with an attempt at this kind, among the trials whose scene contains it and
-            whose instruction names another kind.
-        asked: Number of different kinds that the instructions of these trials name.
+        rate: Fraction of trials that begin with an attempt at this kind. Only trials are counted that have this kind in
+            the scene but name another kind in the instruction.
+        asked: Number of different kinds that are named by the instructions of these trials.
     """
 
     kind: str
@@ -56,7 +56,7 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
     At least :data:`LEAST_PAIRS` trials must have such an object in the scene while their instruction names another
     kind. These instructions must name at least :data:`LEAST_ASKED` kinds in total. The policy must attempt its favorite
     kind more often than a policy that picks one of two objects at random. This is tested with an exact one-sided
-    binomial test, whose p-value is corrected for the number of kinds that the policy wrongly attempted.
+    binomial test. Its p-value is corrected for the number of kinds that the policy wrongly attempted.
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:

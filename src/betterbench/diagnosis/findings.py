@@ -21,7 +21,7 @@ _SHOWN = 5
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence for each combination of a task and a failure mode that occurs.
+    """Return one sentence for each failure mode that occurs in a task.
 
     Reasoning failures come before execution failures, and frequent failure modes come first.
     """
@@ -65,7 +65,7 @@ def find_notes(
         pairs: Number of pairs of a variation trial and its counterfactual twin.
         pending: Number of planned trials that are not done yet.
         even_pairs: Number of pairs in the first round of a run with ``--until-decided``. None for other runs.
-        cure: Advice for trials whose twin is missing.
+        cure: Advice for trials without a twin.
     """
     notes = []
     if pending:
@@ -130,7 +130,7 @@ def _first_few(keys: Sequence[str]) -> str:
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
     """Return a clause with the statistical evidence for the decision rule that explains a failure mode.
 
-    The clause is empty for failure modes that no rule explains.
+    If no rule explains it, return an empty string.
     """
     if found is None or mode.rule is None:
         return ""

@@ -1,4 +1,4 @@
-"""Instruction effect: how often a different instruction changes the policy's first target (suite, section 4).
+"""Instruction effect: how often a different instruction changes the policy's first target.
 
 Random streams do not depend on the condition. Trials with the same seed therefore begin with the same scene if their
 conditions have the same objects in the same slots. A run thus contains pairs of trials that differ only in the
@@ -52,7 +52,7 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ only in the instruction, and whose instructions have different first targets.
+    """Return pairs of trials that differ only in the instruction. The two instructions have different first targets.
 
     Each trial is in at most one pair, so that the pairs are independent. A variation trial is paired with its
     counterfactual twin (the training trial with the same seed) if possible, otherwise with the first remaining trial
@@ -78,7 +78,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the name of the object or empty slot at which the first attempt of a trial is made, or None.
+    """Return the name of the object or empty slot that the first attempt of a trial is aimed at, or None.
 
     A drawer that is moved to reach an object does not count as a first target.
     """
@@ -155,7 +155,7 @@ def unused_sentence(effect: Metric) -> str:
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return the conclusion from an instruction effect: the instruction is used, is not used, or this is undecided."""
+    """Return the conclusion from an instruction effect: the instruction is used, is not used, or this is still open."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "

@@ -1,4 +1,4 @@
-"""Choice of a trial's label from all the evidence in the trial (suite, section 5)."""
+"""Choice of a trial's label from all the evidence in the trial."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class LabelEvidence(NamedTuple):
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence in a trial, in label order.
 
-    If the trial succeeded, or if it ended for a reason other than the policy's decisions, only the evidence of this is
-    returned. Otherwise, the evidence includes labels that the second pass must confirm.
+    If the trial succeeded, or if it ended for a reason other than the policy's decisions, only the evidence for this
+    outcome is returned. Otherwise, the evidence includes labels that the second pass must confirm.
 
     Returns:
         At least one piece of evidence.

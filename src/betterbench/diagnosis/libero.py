@@ -67,7 +67,7 @@ PLUS_NOTE = (
 )
 """Note that is added to every diagnosis of a run in LIBERO-Plus."""
 
-TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
+TWINS_CURE = "run the base suite with the same initial-state indices, and pass that run with --twins"
 
 BASE = "base"
 """Name of the only training condition of a task."""
@@ -128,9 +128,9 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return advice on which LIBERO-PRO suites to run for a diagnosis that base suites alone cannot give.
+    """Return advice on which LIBERO-PRO suites to run for a more complete diagnosis than base suites allow.
 
-    The text is empty if the run already contains such a suite.
+    Return an empty string if the run already contains such a suite.
     """
     if any(trial.variation is not None for trial in trials):
         return ""
@@ -138,7 +138,7 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
     if not told:
         return ""
     each = "it" if len(told) == 1 else "each"
-    return f"run {listed(told)} by the same policy, and diagnose {each} with --twins naming the run of its base suite"
+    return f"run {listed(told)} with the same policy, and diagnose {each} with --twins and the run of its base suite"
 
 
 def suite_of(task: str) -> str:
@@ -219,7 +219,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the trace of a record. Whether a requested relation holds is taken from LIBERO's own verdict."""
+    """Return the trace of a record. LIBERO's own verdict decides whether a requested relation holds."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -246,7 +246,7 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which the base suite picks objects, without the points at which the gripper closes there.
+    """Return the regions where the base suite picks up objects, without the points where the gripper closes there.
 
     LIBERO's files do not state these points.
     """
@@ -256,7 +256,7 @@ def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[Picke
 
 
 def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:
-    """Return the rows of the trace in which each object was in or on a target of the instruction."""
+    """Return the rows of the trace where each object was in or on a target of the instruction."""
     info = record.metadata.scene
     found = []
     for goal, t in dict.fromkeys((g.relation, t) for g, t in zip(goals, targets, strict=True)):
@@ -277,7 +277,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label and the evidence of a failed trial whose goal requires that a joint is moved."""
+    """Return the label and the evidence of a failed trial whose goal includes moving a joint."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "

@@ -1,4 +1,4 @@
-"""Readers of the records of a run, one for each kind of world."""
+"""Readers for the records of a run, with one reader for each kind of world."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reader of the records of a run, which knows how trials in the world of the run are judged."""
+    """Reads the records of a run, and knows how trials are judged in the world of this run."""
 
     @property
     def twins_elsewhere(self) -> bool:
@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the name of the group in which a trial's rules are judged together with those of other trials.
+        """Return the group of a trial. Decision rules are judged for all trials of a group together.
 
         This is the task, or the suite if each task of the suite has only one instruction.
         """
@@ -55,11 +55,11 @@ class Reader(Protocol):
         """Return notes about the world of a run."""
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return advice on further runs that would make the diagnosis more informative."""
+        """Return advice on additional runs that would make the diagnosis more informative."""
 
 
 class OwnReader:
-    """Reader of runs in betterbench's own scenes, whose tasks define conditions and training distributions."""
+    """Reads runs in betterbench's own scenes. Their tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
     twins_cure = "run their training conditions with the same seeds"
@@ -97,7 +97,7 @@ class OwnReader:
 
 
 class LiberoReader(libero.LiberoRun):
-    """Reader of runs in LIBERO and LIBERO-Plus.
+    """Reads runs in LIBERO and LIBERO-Plus.
 
     It reads the goals from task files, and the training data from the base suite.
     """
@@ -126,7 +126,7 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world in which only the outcome of each trial is judged.
+    """Reads runs in a world where only the outcome of each trial is judged.
 
     Attributes:
         title: Name of the world in messages.

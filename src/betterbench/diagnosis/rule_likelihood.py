@@ -36,14 +36,13 @@ class PolicyRule:
     """Decision rule, fitted to all first attempts of a policy in a task.
 
     Attributes:
-        name: "word", "habit", "later", "place:SLOT", or "place" if the preferred slot depends on which slots are
-            occupied.
+        name: "word", "habit", "later", "place:SLOT", or "place" if the preferred slot depends on the occupied slots.
         cost: Negative log-likelihood at the best strength, plus the prior costs of the rule and of its kind [nats].
         strength: Best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
-        opportunities: Number of trials in which the rule predicts a wrong first attempt.
-        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a correct one.
-        elsewhere: Number of trials for which the rule predicts a correct first attempt.
+        opportunities: Number of trials where the rule predicts a wrong first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials where the rule predicts a correct one.
+        elsewhere: Number of trials where the rule predicts a correct first attempt.
     """
 
     name: str
@@ -125,7 +124,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
 
 
 def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
-    """Return the log-likelihood of a first attempt for each strength in the grid of 100 strengths, shape (100,)."""
+    """Return the log-likelihood of a first attempt for each of the 100 strengths in the grid, shape (100,)."""
     predicted = predicted_slots(rule, choice)
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:
@@ -148,7 +147,7 @@ def undirected_probability(choice: Choice, error_rate: float) -> float:
 def confusion_cost(choices: Sequence[Choice]) -> float:
     """Return the cost of confusion (undirected errors): the negative log-likelihood at the best error rate [nats].
 
-    The error rate is at most that of a policy that guesses.
+    The error rate is at most the error rate of guessing.
     """
     if not choices:
         return 0.0

@@ -1,4 +1,4 @@
-"""Rulings of the second pass, i.e. conclusions about one trial that are drawn from all trials of the policy."""
+"""Rulings of the second pass. A ruling is a conclusion about one trial, drawn from all trials of the policy."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Ruling:
     """Result of the second pass for one trial: for each kind of decision rule, whether it explains the trial.
 
     Attributes:
-        shortcut: Whether the rule "go to the slot to which the word led in training" explains this trial.
+        shortcut: Whether the rule "go to the slot where the word led in training" explains this trial.
         place: Whether the rule "always go to the same slot" explains this trial. The status is "open" if the run is too
             small to prove this rule for any policy.
         habit: Whether the rule "begin with the most frequent first step" may explain this trial. A single trial is
@@ -33,7 +33,7 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return whether a kind of rule explains the trial, does not explain it, or whether this cannot be decided."""
+        """Return whether a kind of rule explains the trial, does not explain it, or whether this is undecided."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 

@@ -1,4 +1,4 @@
-"""Diagnosis of a run: a first pass over each single trial, a second pass over all trials together, and the findings."""
+"""Diagnosis of a run: each trial on its own (first pass), all trials together (second pass), and the findings."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class _Trials:
     """Planned trials of a run, with the results of the first pass.
 
     Attributes:
-        plan: Trials that count, in the order of the plan.
+        plan: Trials that are part of the diagnosis, in the order of the plan.
         readings: Results of the first pass, by trial.
         missing: Reason why a trial has no record, by trial. None if the reason is unknown.
-        pending: Trials that a run in progress has not reached yet. They do not count.
+        pending: Trials that a run in progress has not reached yet. They are not part of the diagnosis.
         until_decided: Stopping rule and decisions, or None for a run that executes all planned trials.
     """
 
@@ -139,7 +139,7 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
     """Add the counterfactual twins of the planned trials.
 
-    They are read from ``run``, which is a run of the base suite.
+    They are read from ``run``, a run of the base suite.
     """
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
@@ -148,7 +148,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
         raise InvalidInputError(
             str(run.path),
             "it contains no counterfactual twin of the planned trials",
-            "Name a run of the LIBERO base suite that was made with the same --seed",
+            "Pass a run of the LIBERO base suite that was made with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -176,7 +176,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for each time the run was continued with a changed policy."""
+    """Yield a note for each time that the run was continued with a changed policy."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):

@@ -2,7 +2,7 @@
 
 Four kinds of rule predict the slot of a first attempt:
 
-- *word* goes to the slot to which a word of the instruction led in training.
+- *word* goes to the slot where a word of the instruction led in training.
 - *habit* begins with the most frequent first step.
 - *later* begins with the object of a later step.
 - *place* always goes to the same slot, or to a fixed slot for each set of occupied slots. A policy that takes the
@@ -50,7 +50,7 @@ _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
 """Variants of a confused order: the policy begins with any later step, with the next step, or with the last step."""
 
 _PSEUDOCOUNT = 0.5
-"""Count of tasks that each kind of rule has before any task is seen (Jeffreys' prior of a multinomial)."""
+"""Prior number of tasks for each kind of rule (Jeffreys' prior of a multinomial)."""
 _EM_STEPS = 200
 
 _Attempts = Mapping[str, Mapping[str, Choice]]
@@ -84,8 +84,8 @@ def _proven_elsewhere(
 ) -> list[str]:
     """Return the kinds of rule that are proven for the policy by the tasks other than the given one.
 
-    A favorite place or a wrong order must be proven in enough other tasks. The rule "go to the slot to which the word
-    led in training" must explain all other tasks together.
+    A favorite place or a wrong order must be proven in enough other tasks. The rule "go to the slot where the word led
+    in training" must explain all other tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
     here = {name: mine for name, mine in choices.items() if name != task}
@@ -129,7 +129,7 @@ def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
 
 
 def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
-    """Return the first attempts in those tasks in which at least one first attempt was wrong."""
+    """Return the first attempts in the tasks with at least one wrong first attempt."""
     return {
         task: list(attempts.values())
         for task, attempts in choices.items()
@@ -138,12 +138,12 @@ def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
 
 
 def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
-    """Return how many wrong first attempts in the given tasks are explained by the best rules of one kind."""
+    """Return how many wrong first attempts in the given tasks the best rules of one kind explain."""
     return sum(max((rule.explained for rule in _rules_of(family, task)), default=0) for task in tasks)
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the sum of the costs of the best rules of one kind over the given tasks [nats].
+    """Return the total cost of the best rules of one kind over the given tasks [nats].
 
     A task without a rule of this kind contributes the cost of confusion.
     """

@@ -19,7 +19,7 @@ from betterbench.records import RunFolder
 from betterbench.version import __version__
 
 STORED_SCHEMA_VERSION = 2
-"""Version of the form of ``diagnosis.json``. Version 2 has a checksum. Version 1 is read with a warning."""
+"""Version of the format of ``diagnosis.json``. Version 2 has a checksum. Version 1 is read with a warning."""
 
 _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or move it elsewhere and store a new diagnosis"

@@ -1,8 +1,8 @@
 """Decision rules of a policy in one task: their fit, their comparison with confusion, and the ruling on each trial.
 
-A rule is upheld if it costs less than confusion, which is the null hypothesis of undirected errors. This is a
-likelihood-ratio test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that
-have different instructions, but both begin with an attempt at this place (:func:`has_pair`).
+A rule is upheld if it costs less than the null hypothesis of undirected errors (confusion). This is a likelihood-ratio
+test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that have different
+instructions, but both begin with an attempt at this place (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class TaskRules:
         upheld: Names of the rules that explain the attempts better than confusion does and can be told from similar
             rules.
         rulings: Ruling on each trial, by trial key.
-        undecided: Number of trials with a wrong first attempt for which the run is too small to prove a rule, or to
-            tell it from another rule.
+        undecided: Number of trials with a wrong first attempt where the run is too small to prove a rule, or to tell it
+            from another rule.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -118,7 +118,7 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of choosing one slot if all slots are equally likely a priori [nats]."""
+    """Return the cost of choosing one slot when all slots are equally likely beforehand [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 
@@ -161,8 +161,8 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """In each first attempt, set the slot that the policy may prefer.
 
-    This is the slot of most first attempts in trials with the same occupied slots. If ``paired`` is True, a slot only
-    counts if a pair of trials shows that the policy prefers it regardless of the instruction.
+    This is the slot of most first attempts in trials with the same occupied slots. If ``paired`` is True, a slot is
+    only set if a pair of trials shows that the policy prefers it regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):
@@ -194,7 +194,7 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials would be enough to prove that a policy always goes to a slot, if it did so."""
+    """Return whether these trials could prove that a policy always goes to a slot, if this were true."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
@@ -243,7 +243,7 @@ class _Judged:
         return found
 
     def _by_cheapest_rule(self, choice: Choice) -> Ruling:
-        """Return the ruling on a trial by the cheapest proven rule that predicts the trial's first attempt."""
+        """Return the ruling on a trial, based on the cheapest proven rule that predicts the first attempt."""
         if choice.correct or choice.slot is None:
             return Ruling("rejected")
         open_place: RuleStatus = "open" if choice.slot in self.open_slots else "rejected"

@@ -1,4 +1,4 @@
-"""First pass of the diagnosis, in which each trial is diagnosed from its record alone.
+"""First pass of the diagnosis: each trial is diagnosed from its record alone.
 
 It also prepares the input of the second pass.
 """
@@ -41,20 +41,19 @@ class Choice:
     If two layouts have a slot at the same position, both slots get the name of the first.
 
     Attributes:
-        layout: Slots with the kind of object that each contained at the start. Trials with the same layout are
-            compared.
-        right: Slots at which the first attempt would be correct. Empty if no object should be grasped.
+        layout: Slots that contained an object at the start, each with the kind of this object. Trials with the same
+            layout are compared.
+        right: Slots where the first attempt would be correct. Empty if no object should be grasped.
         slot: Slot of the first attempt, or None if there was no attempt.
         correct: Whether the first attempt was correct, or whether the policy correctly made no attempt.
-        word_slots: Slots from which training picked the object of the relevant word of the instruction.
+        word_slots: Slots where training picked up the object that the relevant word of the instruction refers to.
         habit_slots: Slots of the most frequent first step. Empty if training has no such step.
         later_slots: Slots of the objects of later steps. Empty if the instruction leaves the order free.
         places: Number of slots with a graspable object.
         thing: Kind of the object in the slot of the first attempt, or "" if there is none.
         color: Color of that object.
         nearest: Slot of the object that was nearest to the gripper at the start. Empty if no slot contained an object.
-        favorite_slots: Slot that the policy may prefer in trials in which the same slots are occupied. The second pass
-            sets it.
+        favorite_slots: Slot that the policy may prefer in trials with the same occupied slots. The second pass sets it.
         step_slots: For each later step, in order, the slots of its objects.
         replaced: Whether the habit leads to the slot of the first attempt, but this slot contained a different object.
             If so, a single trial does not show the habit.
@@ -150,7 +149,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial of any world. Harm and needless steps are not filled in."""
+    """Return the diagnosis of an analyzed trial in any world, without harm and needless steps."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -169,7 +168,7 @@ def trial_diagnosis(
 
 
 def offline_truth(record: Record) -> list[Truth]:
-    """Judge all states of a record again with the goal tracker that is used live.
+    """Judge all states of a record again, with the same goal tracker as during the trial.
 
     Returns:
         One goal state for each row of the record. Its flags for subgoals, goal and forbidden events are identical to
@@ -183,14 +182,14 @@ def offline_truth(record: Record) -> list[Truth]:
 
 
 def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
-    """Return the condition under which a record was made."""
+    """Return the condition of the trial in a record."""
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode in time order.
+    """Return the grasp attempts of an episode in chronological order.
 
-    They include the attempts in which the gripper closed far from all objects.
+    Closings of the gripper far from all objects are included.
     """
     time = episode.trace.time
     far = (

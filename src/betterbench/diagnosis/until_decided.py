@@ -1,4 +1,4 @@
-"""Verdicts of runs with ``--until-decided``, and the selection of trials that does not depend on the outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the trials that were chosen independently of the outcomes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class UntilDecided:
 
     Attributes:
         rule: Rule that determines when a variation is decided.
-        first_seeds: Seeds of the first round, which is played for every variation regardless of the outcomes.
+        first_seeds: Seeds of the first round, which is run for every variation regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
 
@@ -29,7 +29,7 @@ class UntilDecided:
     def answer(self, condition: str) -> Answer | None:
         """Return how a variation ("fast_food/T1") was decided, or that it is undecided.
 
-        None if it is not in the run.
+        Return None if it is not in the run.
         """
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
@@ -40,7 +40,7 @@ class UntilDecided:
 
     @property
     def summary(self) -> str:
-        """Sentence that states for how many variations each verdict was reached."""
+        """Sentence that states how many variations have each verdict."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"

@@ -1,4 +1,4 @@
-"""Results of the diagnosis, for a trial and for a run, as values that can be converted to JSON."""
+"""Results of the diagnosis for a trial and for a run. They can be converted to JSON."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with the part of the episode in which it was found.
+    """Reason for a label, with the part of the episode that shows it.
 
     Attributes:
         rule: Name of the evidence rule.
         text: Explanation in one or more sentences.
         start_s: Beginning of the part of the episode [s].
         end_s: End of the part of the episode [s].
-        objects: Names of the objects concerned.
+        objects: Names of the objects involved.
         shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
             also "slot").
         candidates: Labels that remain possible if only this trial is considered. The second pass may decide between
@@ -42,11 +42,12 @@ class Evidence:
 class Attempt:
     """Grasp attempt of a trial.
 
-    Closing the gripper far from all objects also counts as an attempt, which then has neither an object nor a slot.
+    Closing the gripper far from all objects also counts as an attempt. Such an attempt has neither an object nor a
+    slot.
 
     Attributes:
-        start_s: Time at which the gripper begins to close [s].
-        end_s: Time at which the gripper is closed [s].
+        start_s: Time when the gripper begins to close [s].
+        end_s: Time when the gripper is closed [s].
         object: Name of the grasped object, or None if the gripper closed without an object.
         slot: Nearest slot, or None if no slot is near.
         result: "target" (an object that was requested at that time), "distractor" (any other object) or "null" (no
@@ -79,18 +80,17 @@ class TrialDiagnosis:
         expected: Expected behavior: "succeed", "refuse", "stay_still" or "ambiguous".
         label: Outcome label.
         first_attempt: Name of the object of the first grasp attempt. None if there was no attempt, or if the gripper
-            closed without an object. A drawer only counts if the first step of the instruction is about the drawer
+            closed without an object. A drawer is only named if the first step of the instruction is about the drawer
             itself.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
         intended: Name of the object that should be attempted first, or None if no attempt would be correct. If the
             first attempt was correct, this is the attempted object, otherwise the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: Names of all objects at which a first attempt would be correct, ordered by subgoal and slot.
-        intention_correct: Whether the first attempt was at a requested object (suite, section 4). None if there is no
-            record.
+        intended_any: Names of all objects that would be correct to attempt first, ordered by subgoal and slot.
+        intention_correct: Whether the first attempt was at a requested object. None if there is no record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
-        attempts: All grasp attempts, in time order.
+        attempts: All grasp attempts, in chronological order.
         evidence: Evidence that decided the label.
         collisions: Number of collisions of the robot or a held object with fixtures. None if there is no record.
         steps: Number of control steps.
@@ -143,17 +143,17 @@ class TrialDiagnosis:
 
     @property
     def kind(self) -> Kind:
-        """Kind of outcome to which the label belongs, such as a reasoning failure."""
+        """Kind of outcome that the label belongs to, such as a reasoning failure."""
         return self.label.kind
 
     @property
     def trial_id(self) -> TrialId:
-        """Identifier of the trial, made of its task, its variation or training condition, and its seed."""
+        """Identifier of the trial: its task, its variation or training condition, and its seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
 
     @property
     def pool(self) -> str:
-        """Name of the condition under which the trial is counted: the variation or the training condition.
+        """Name of the condition that the trial is counted for: the variation or the training condition.
 
         In LIBERO-Plus, this is the axis, because each variant is run only once.
         """
@@ -161,7 +161,7 @@ class TrialDiagnosis:
 
     @property
     def key(self) -> str:
-        """Key of the trial as text ("fast_food/T1/3", "fast_food/train1/3")."""
+        """Key of the trial as a string ("fast_food/T1/3", "fast_food/train1/3")."""
         return str(self.trial_id)
 
     @property
@@ -182,8 +182,8 @@ class Metric:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"). If trials are unfinished,
-            there is also "unfinished_rate". For each "illusion_gap", the success rate of the twins is
-            "twin_success_rate", and that of the paired variation trials is "paired_success_rate".
+            there is also "unfinished_rate". For each "illusion_gap", "twin_success_rate" is the success rate of the
+            twins, and "paired_success_rate" is the success rate of the paired variation trials.
         scope: Set of trials that the measure covers: "overall" (all trials of variations), "training" (all trials of
             training conditions), "axis:temporal_extrapolation", "fast_food" (the variations of this task),
             "fast_food/training", "fast_food/T1", "fast_food/train1".
@@ -222,7 +222,7 @@ class RunDiagnosis:
 
     Attributes:
         policy: Name of the policy.
-        trials: One entry for each trial that counts, finished or not, in the order of the plan.
+        trials: One entry for each diagnosed trial, finished or not, in the order of the plan.
         metrics: All metrics of the run.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
         notes: Limits on what the run can show, one sentence each (missing pairs, smallest detectable difference).
@@ -263,7 +263,7 @@ class RunDiagnosis:
 
     @property
     def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Trials that count in the rates, i.e. all trials that are not ambiguous."""
+        """Trials that are included in the rates, i.e. all trials that are not ambiguous."""
         return tuple(t for t in self.trials if not t.ambiguous)
 
     @property
@@ -283,7 +283,7 @@ class RunDiagnosis:
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return a copy of the diagnosis in which the policy has a different name, in all trials."""
+        """Return a copy of the diagnosis with a different policy name in all trials."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 
@@ -300,7 +300,7 @@ class RunDiagnosis:
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the dict that ``better diagnose --json`` prints. Its "trials" contain all planned trials."""
+        """Return the dict that ``better diagnose --json`` prints. The list "trials" contains all planned trials."""
         return {
             "policy": self.policy,
             "trials": [t.to_json() for t in (*self.trials, *self.waiting)],

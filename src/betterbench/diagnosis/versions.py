@@ -1,4 +1,7 @@
-"""Versions in the records of a run. Records with different versions raise an error unless this is allowed."""
+"""Versions in the records of a run.
+
+Records with different versions raise an error unless mixed versions are allowed.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ class RecordVersions:
     def found(self) -> dict[str, str]:
         """All versions by name. If a name has several values, they are joined by " | ".
 
-        The policy is only included if it has several values.
+        The name of the policy is only included if the records contain several names.
         """
         return {
             name: " | ".join(values)
@@ -39,7 +42,8 @@ class RecordVersions:
             but: Name of a version that is not added, or "" to add all versions.
 
         Raises:
-            RunConflictError: If a version differs from that of an earlier record and mixed versions are not allowed.
+            RunConflictError: If a version differs from the version in an earlier record and mixed versions are not
+                allowed.
         """
         trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
         for name, value in _versions(metadata):

@@ -1,6 +1,6 @@
 """Tasks as values and pure functions: setup, instruction and success condition.
 
-- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values from which conditions are made.
+- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that conditions are made of.
 - ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
 - ``authoring``: templates, variations and the task registry, for writing tasks.
 - ``suite``: the tasks of better60, with one file per task.

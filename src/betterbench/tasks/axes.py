@@ -1,4 +1,4 @@
-"""The four axes along which a task is varied, and the behavior expected from a policy."""
+"""The four axes of variation of a task, and the behavior expected from a policy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Axis(StrEnum):
 
     @classmethod
     def of(cls, variation: str) -> Axis:
-        """Return the axis to which a variation belongs, given by the first letter of its name.
+        """Return the axis of a variation, given by the first letter of its name.
 
         Raises:
             ValueError: If the name does not begin with L, R, O or T.

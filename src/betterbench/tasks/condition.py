@@ -81,14 +81,14 @@ class Condition:
         layout: Slot of each object that starts on the table, by the object's name.
         instruction: Instruction with its subgoals.
         preplaced: Target region of each object that starts at a target, by the object's name.
-        opened: Width by which each drawer is open at the start [m], by the drawer's name. Drawers that are not listed
-            are closed.
+        opened: How far each drawer is open at the start [m], by the drawer's name. Drawers that are not listed are
+            closed.
         expected: Behavior of a policy that understands the instruction.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
         cloth: Color of the tablecloth, or None for the bare table top of the room.
-        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt during these
-            steps is a failure.
+        watch_steps: Number of control steps that the episode continues after the goal is met. A grasp attempt during
+            these steps is a failure.
     """
 
     task: str
@@ -128,7 +128,7 @@ class Condition:
         return None
 
     def resolve(self, reference: Reference) -> tuple[str, ...]:
-        """Return the names of the objects to which a reference may refer, in a stable order."""
+        """Return the names of the objects that a reference may refer to, in a stable order."""
         if reference.slot is not None:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)

@@ -57,14 +57,14 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Points at which demonstrations released objects at one target region.
+    """Points where demonstrations released objects at one target region.
 
     Attributes:
         slot: Slot of the target, or of the object that carries the target.
         relation: Relation that the release establishes.
         region: Region of the target, or "" if the target has only one region.
         level: Number of objects between the released object and the table at the slot.
-        heights_mm: Heights above the table at which the lower end of the object was released [mm], sorted.
+        heights_mm: Heights of the lower end of the object above the table when it was released [mm], sorted.
         points_mm: Positions (x, y) of the object's base in the frame of the target, relative to the center of the
             region [mm].
     """
@@ -82,7 +82,7 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the difference between a height and the nearest release height in training [mm].
+        """Return how far a height is above the nearest release height in training [mm].
 
         The difference is negative if the given height is below the release height.
         """
@@ -161,7 +161,7 @@ class FinalPose(NamedTuple):
 class JointPoses:
     """Final poses of several objects that one demonstration left in the same place, such as a container.
 
-    Objects in a container lean on each other and on the walls, so that their poses belong together.
+    Objects in a container lean on each other and on the walls, so their poses are stored together.
 
     Attributes:
         target_kind: Kind of the target.
@@ -180,7 +180,7 @@ class JointPoses:
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
         """Return the poses ``T_middle_object`` of objects specified by kind and asset, in the given order.
 
-        Return None if the demonstration left other objects there, or not all of these.
+        Return None unless the demonstration left exactly these objects there.
         """
         left, found = list(self.objects), []
         for wanted in objects:
@@ -225,9 +225,9 @@ class Demonstrated:
     ) -> tuple[FlatPose, ...]:
         """Return the final poses at a target from demonstrations with the same object, or with the most similar one.
 
-        Poses of the same object asset at the same target asset come first. If there are none, the poses of the same
-        object asset are returned. If there are none either, those of the same kind of object are returned, and
-        otherwise those of any object at this target.
+        Poses of the same object asset at the same target asset come first. If there are none, poses of the same object
+        asset at other target assets are returned. Next come poses of the same kind of object, and then poses of any
+        object at this target.
         """
         there = self._poses_at(target_kind, relation, region)
         of_kind = [p for p in there if p.kind == kind]
@@ -288,7 +288,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Context in which a task has the given measurements.
+    """Context manager that makes a task use the given measurements.
 
     This is needed while demonstrations are measured, because earlier demonstrations determine the start of later ones.
     """
@@ -352,7 +352,7 @@ def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence
 
 
 def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
-    """Return the index of the demonstration from which objects that start together at a target take their poses.
+    """Return the index of the demonstration that determines the poses of objects starting together at a target.
 
     The index is below ``count`` and is drawn from the random stream of the trial.
     """
@@ -373,7 +373,7 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
     Raises:
         InvalidInputError: If the file is invalid.
     """
-    cure = "Measure again with better certify --demonstrations"
+    cure = "Measure the demonstrations again with `better certify --demonstrations`"
     form = open_seal(text, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)
     return read_form(_FILE, form, where=where, cure=cure)
@@ -387,7 +387,7 @@ def _packaged() -> DemonstrationsFile:
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the text of the file, with new measurements for some tasks and the previous ones for all others."""
+    """Return the new text of the file, with new measurements for some tasks and the previous ones for all others."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

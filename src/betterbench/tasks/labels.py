@@ -1,6 +1,6 @@
 """Outcome labels, in a package that both the tasks and the diagnosis can import.
 
-The meaning of each label, its rule and its text in reports are in a file for the label in ``diagnosis/modes``.
+Each label has a file in ``diagnosis/modes`` with its meaning, its rule and its text in reports.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """Outcome label of a trial: a text with a kind of outcome. There is exactly one object for each name.
+    """Outcome label of a trial: a string with a kind of outcome. There is exactly one object for each name.
 
     If several pieces of evidence concern the same moment, the one whose label comes first in the order of labels
-    decides. :func:`new_label` makes further labels.
+    decides. Use :func:`new_label` to create further labels.
 
     Raises:
         UnknownNameError: If there is no label with this name.
@@ -63,17 +63,17 @@ class Label(str):
             raise UnknownNameError("label", name, _LABELS) from None
 
     def __reduce__(self) -> tuple[type[Label], tuple[str]]:
-        """Return how to copy the label, so that copied and unpickled labels are the same object as the original."""
+        """Return the class and the name with which copying and unpickling find the same label again."""
         return Label, (self.value,)
 
     @property
     def value(self) -> str:
-        """Name of the label as plain text."""
+        """Name of the label as a plain string."""
         return str(self)
 
 
 def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
-    """Create a label. In the order of labels, it comes directly after ``after``, or last if ``after`` is None.
+    """Create a label. It is placed directly after the label ``after``, or at the end of the order if ``after`` is None.
 
     Raises:
         InvalidInputError: If there is already a label with this name.
@@ -95,7 +95,7 @@ def remove_label(label: Label) -> None:
 
 
 def all_labels() -> tuple[Label, ...]:
-    """Return all labels in their order.
+    """Return all labels in label order.
 
     ``wrong_object`` is the most general reasoning label, so it comes after all other reasoning labels.
     """

@@ -1,4 +1,4 @@
-"""Appearance of the objects and rooms in a run: either the appearances of training and tests, or those held out."""
+"""Appearance of the objects and rooms in a run: either those used in training and tests, or held-out ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LOOKS: tuple[Looks, ...] = get_args(Looks)
 
 
 def looks_named(name: str) -> Looks:
-    """Check that a text is the name of a set of appearances ("seen" or "unseen"), and return it.
+    """Check that a string names a set of appearances ("seen" or "unseen"), and return it.
 
     Raises:
         UnknownNameError: If there is no such set.

@@ -69,7 +69,7 @@ Only names are listed that did not move together with their package.
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:
-    """Return the syntax tree of a user's file, in which former names in imports are replaced by present names.
+    """Return the syntax tree of a user's file, with former names in imports replaced by present names.
 
     Line numbers are kept. Names that still exist are not changed.
 
@@ -108,7 +108,7 @@ class _Renaming(ast.NodeTransformer):
 
 
 def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]:
-    """Split an import from a module of this package into one import statement for each imported name."""
+    """Split an import from a betterbench module into one import statement for each imported name."""
     for alias in names:
         inner = f"{module}.{alias.name}".lstrip(".")
         if (module, alias.name) in NAMES:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of an instruction to an object, either by a description or by the slot in which the object starts.
+    """Reference of an instruction to an object, either by a description or by the slot where the object starts.
 
     Attributes:
         kind: Kind of the object ("burger", "red mug"), or None.
-        slot: Slot in which the object starts ("far"), or None. Exactly one of ``kind`` and ``slot`` is given.
+        slot: Slot where the object starts ("far"), or None. Exactly one of ``kind`` and ``slot`` is given.
     """
 
     kind: str | None = None
@@ -32,8 +32,8 @@ class Subgoal:
         reference: Reference to the object.
         target: Name of the target container or fixture in the scene.
         word: Word of the instruction that identifies the object ("red", "top", "burger").
-        count: Number of objects matching the reference that must be at the target. If an instruction has two equal
-            steps, this is 2 for the second.
+        count: Number of objects matching the reference that must be at the target. If an instruction contains the same
+            step twice, this is 2 for the second one.
         region: Region of the target, if the target has several ("left", "hole_2", layer "3").
     """
 

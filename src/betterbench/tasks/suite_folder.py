@@ -1,4 +1,4 @@
-"""Suite folders, which contain tasks as JSON files, and ``suite.json`` with a list of the tasks and their digests.
+"""Suite folders. Each contains tasks as JSON files, and a file ``suite.json`` that lists the tasks and their digests.
 
 The name of the folder ends with the first digits of a digest over all tasks, so that equal names mean the same
 benchmark.
@@ -63,7 +63,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder, after its files were found to match the digests in the list of tasks.
+    """Suite in a folder. All of its files match the digests in the list of tasks.
 
     Attributes:
         name: Name of the suite, including the digits of the digest ("kitchen-3f2a91c0d4e5").
@@ -82,10 +82,10 @@ def is_suite_folder(path: Path | str) -> bool:
 
 
 def require_suite_name(name: str, *, where: str = "name of the suite") -> None:
-    """Check that a text is a valid name for a suite. The name does not include the digest.
+    """Check that a string is a valid name for a suite. The name does not include the digest.
 
     Raises:
-        InvalidInputError: If the text is not a valid name.
+        InvalidInputError: If the string is not a valid name.
     """
     if re.fullmatch(_NAME_PATTERN, name) is None:
         cure = "Use up to 64 lower-case letters, digits and '_', and begin with a letter"
@@ -97,7 +97,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
     Args:
         name: Name of the suite, not including the digest.
-        forms: Tasks in JSON form by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        forms: Tasks by name, in the JSON form returned by :func:`betterbench.tasks.task_to_json`.
 
     Raises:
         InvalidInputError: If the name is invalid, or if no task is given.
@@ -106,7 +106,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
     digests = {task: hashlib.sha256(content).hexdigest() for task, content in contents.items()}
     head = {"schema_version": 1, "name": name, "tasks": digests}
     read_form(
-        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and give at least one task"
+        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and list at least one task"
     )
     files = {HEAD: dump_json(head) + b"\n"}
     files |= {f"{TASKS}/{task}.json": content for task, content in contents.items()}
@@ -122,7 +122,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)
-    cure = f"Give a folder with a {HEAD}"
+    cure = f"Pass a folder that contains {HEAD}"
     head = read_form(_HEAD, read_bounded(folder / HEAD, max_bytes=_MOST_BYTES, cure=cure), where=where, cure=_CURE)
     files = []
     for task, digest in sorted(head.tasks.items()):
@@ -145,7 +145,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
 
 
 def _is_companion(file: Path) -> bool:
-    """Return whether a file contains measurements for a task, as opposed to a task."""
+    """Return whether a file contains measurements for a task rather than a task."""
     return file.name.endswith(".demonstrations.json")
 
 

@@ -23,7 +23,7 @@ class Trial:
         condition: Name of the condition.
         variation: Name of the variation, or None for a training condition.
         axis: Axis of the variation, or None for a training condition.
-        base_condition: Training condition from which the variation is made, or None for a training condition.
+        base_condition: Training condition that the variation is made from, or None for a training condition.
         seed: Seed of the trial.
         expected: Behavior that is expected from a policy that understands the instruction.
     """

@@ -18,5 +18,5 @@ class TrialId:
     seed: int
 
     def __str__(self) -> str:
-        """Return the identifier as plans, journals and file names contain it, such as "fast_food/L3/0"."""
+        """Return the identifier in the form used in plans, journals and file names, such as "fast_food/L3/0"."""
         return f"{self.task}/{self.condition}/{self.seed}"

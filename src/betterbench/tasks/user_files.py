@@ -1,9 +1,10 @@
 """User files and plugins that register tasks, assets and other items.
 
-Files are given by the option ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker
-processes inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read,
-and nothing is executed. An installed package is a plugin if it names a module in the entry point group
-``betterbench.plugins``. A file in the folder of a run is never executed automatically, because it may be untrusted.
+Files are passed with the option ``--task-file`` or in the environment variable ``BETTERBENCH_TASK_FILES``. Worker
+processes inherit this variable. A folder of imported assets (``--asset-dir``) is also treated as a user file: its
+manifest is read, and nothing is executed. An installed package is a plugin if it names a module in the entry point
+group ``betterbench.plugins``. A file in the folder of a run is never executed automatically, because it may be
+untrusted.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class TaskFile:
         path: Absolute path on the machine that read the file first.
         source: Text of the file.
         demonstrations: Text of the file with the measured demonstrations, or None if there is no such file.
-        suite: Suite folder with which the file was loaded, or None.
+        suite: Suite folder that the file was loaded with, or None.
     """
 
     path: str
@@ -80,7 +81,7 @@ class TaskFile:
         Raises:
             InvalidInputError: If the file does not exist, or is not UTF-8 text.
         """
-        cure = "Give the path of a task file"
+        cure = "Pass the path of a task file"
         try:
             found = Path(os.path.realpath(path))
             text = read_bounded(found, max_bytes=_MAX_SOURCE_BYTES, cure=cure).decode("utf-8")
@@ -96,7 +97,7 @@ class TaskFile:
         Raises:
             InvalidInputError: If the folder does not exist, or contains no imported assets.
         """
-        cure = "Give a folder written by better assets import"
+        cure = "Pass a folder written by `better assets import`"
         found = Path(os.path.realpath(folder))
         where = f"--asset-dir {folder}"
         if not found.is_dir():
@@ -124,7 +125,7 @@ class TaskFile:
     def option_by_name(self) -> tuple[str, str]:
         """Command-line option that loads the file, given by its name without the folder.
 
-        It is meant for readers of a shared file, who have the file in a different folder.
+        It is meant for readers of a shared file, because they have the file in a different folder.
         """
         if self.is_asset_folder:
             return "--asset-dir", Path(self.path).parent.name
@@ -360,7 +361,7 @@ def code_of(kind: str, name: str) -> str | None:
 
 @contextmanager
 def explaining(kind: str, name: str) -> Iterator[None]:
-    """Context that adds the file and the line to errors raised by the user code that registered a name.
+    """Context manager that adds the file and the line to errors raised by the user code that registered a name.
 
     Raises:
         InvalidInputError: If the code raises an error.
@@ -494,7 +495,7 @@ def _pairs(plan: Mapping[str, Any], key: str, second: str) -> Iterator[tuple[str
 
 
 def _safe(text: str) -> str:
-    """Return an untrusted text after removing characters that could lead out of a folder or control a terminal."""
+    """Return an untrusted string without the characters that could lead out of a folder or control a terminal."""
     return re.sub(r"[^\w.+-]", "_", text)[:100]
 
 
@@ -504,7 +505,7 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Context in which a file is the origin of everything that is registered.
+    """Context manager that makes a file the origin of everything that is registered.
 
     At the end, its tasks are built as a check.
     """
@@ -521,7 +522,7 @@ def _registering(origin: _Origin) -> Iterator[None]:
 
 @contextmanager
 def _errors_explained(path: str) -> Iterator[None]:
-    """Context that adds the file and the line to an error raised in a user's file.
+    """Context manager that adds the file and the line to an error raised in a user's file.
 
     Raises:
         InvalidInputError: If the file raises an error.

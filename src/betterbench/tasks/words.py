@@ -1,4 +1,4 @@
-"""Grammar of the nouns for objects: articles, plurals, mass nouns, and the agreement of verbs with them."""
+"""Grammar of nouns for objects: articles, plurals, mass nouns, and verb agreement."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def with_article(phrase: str) -> str:
 
 
 def is_countable(kind: str) -> bool:
-    """Return whether a kind of object is countable, so that one can say "both" and "another".
+    """Return whether a kind of object is countable, so that "both" and "another" can be used with it.
 
     An apple is countable, but fries and lettuce are not.
     """

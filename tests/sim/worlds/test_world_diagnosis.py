@@ -110,7 +110,7 @@ def test_a_habit_of_place_shows_when_something_is_carried_there(run_of, monkeypa
 
 def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch):
     swap = evaluate(plan_of("zoo:lexical", trials=1), tmp_path / "swap", workers=1, envs=1)
-    assert any("name that run with --twins" in note for note in diagnose_run(swap).notes)
+    assert any("pass that run with --twins" in note for note in diagnose_run(swap).notes)
     base_plan = plan_of("zoo:lexical", suite="libero_object", trials=2)
     base = evaluate(base_plan, tmp_path / "base", workers=1, envs=1)
     found = diagnose_run(swap, twins_in=base)
@@ -138,7 +138,7 @@ def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_p
     base = evaluate(plan_of("noop", suite="libero_object", steps=12), tmp_path / "base", workers=1, envs=1)
     found = diagnose_run(base)
     assert found.notes[-1].endswith(
-        "run libero_object_swap by the same policy, and diagnose it with --twins naming the run of its base suite."
+        "run libero_object_swap with the same policy, and diagnose it with --twins and the run of its base suite."
     )
     told = []
     listener = ReportListener(say=told.append)
@@ -147,8 +147,8 @@ def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_p
     assert "No films: only trials of variations are filmed, but these 6 records belong to training." in told
     assert "has a record" not in told
     (verdict,) = built.verdicts
-    assert "run libero_object_swap by the same policy" in verdict
-    assert "run libero_object_swap by the same policy" in html.unescape(built.page.read_text())
+    assert "run libero_object_swap with the same policy" in verdict
+    assert "run libero_object_swap with the same policy" in html.unescape(built.page.read_text())
     swap = evaluate(plan_of("noop", trials=1, steps=12), tmp_path / "swap", workers=1, envs=1)
     assert not any("libero_object_swap" in note for note in diagnose_run(swap).notes)
 
@@ -156,7 +156,10 @@ def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_p
 @pytest.mark.parametrize(
     ("tasks", "told"),
     [
-        (["libero_object-03", "libero_10-00", "libero_object-01"], "run libero_object_swap and libero_10_swap by the "),
+        (
+            ["libero_object-03", "libero_10-00", "libero_object-01"],
+            "run libero_object_swap and libero_10_swap with the ",
+        ),
         (["libero_90-07"], ""),  # LIBERO-PRO does not change it
         ([], ""),
         (["fast_food"], ""),

@@ -1,7 +1,7 @@
 """Comparison of policies across simulated worlds, with the policies' illusion gaps.
 
-An illusion gap is the drop in success when the scene changes. The results are success rates in LIBERO and lengths of
-chains in CALVIN.
+An illusion gap is the drop in success when the scene changes. Results are success rates in LIBERO, and numbers of
+subtasks completed in sequence (chain lengths) in CALVIN.
 """
 
 from betterbench.comparison.across.gaps import WorldGap, gaps_of

@@ -1,8 +1,7 @@
 """Illusion gaps across worlds: how much a policy's success drops when the scene is changed.
 
-A gap is measured on pairs of trials or chains, one in the base suite and one in the changed suite. A trial in
-LIBERO-PRO and the trial of the base suite with which it is paired have the same index of the initial state, but the
-initial states themselves differ.
+A gap is measured on pairs of trials or chains, one in the base suite and one in the changed suite. In LIBERO-PRO, the
+two trials of a pair have the same initial-state index, but the initial states themselves differ.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ class WorldGap:
     Attributes:
         policy: Name of the policy.
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
-        suite: Base suite, whose scenes are unchanged.
+        suite: Base suite, i.e. the suite with unchanged scenes.
         change: Name of the change ("swap", "resampled"), axis of LIBERO-Plus, or "all variations" in betterbench's own
             suite.
-        base: Success rate without the change. For CALVIN, this is the mean fraction of subtasks that are solved in a
-            row.
+        base: Success rate without the change. For CALVIN, this is the mean fraction of the subtasks of a chain that are
+            solved before the first failure.
         changed: The same rate in the changed scenes.
-        pairs: Number of pairs, each of a trial in the unchanged scene and a trial in the changed scene.
+        pairs: Number of pairs. A pair is a trial in the unchanged scene and a trial in the changed scene.
         difference: ``base - changed`` as a fraction, with its confidence interval.
         p_value: p-value of the paired test, after Holm's correction over the gaps of the policy. None for the average
-            length of CALVIN chains, for which there is only an interval.
+            length of CALVIN chains, where only an interval is computed.
     """
 
     policy: str
@@ -56,11 +55,10 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return all gaps that can be computed from the runs of each policy, in the order of the runs.
+    """Return all gaps that can be computed from the runs of each policy, in run order.
 
     A gap in LIBERO-PRO needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
-    chains and the resampled chains. The gap in betterbench's own suite is the illusion gap that the diagnosis of a run
-    computes.
+    chains and the resampled chains. The gap in betterbench's own suite is taken from the diagnosis of the run.
 
     Raises:
         RecordError: If a run of betterbench's own suite cannot be read.

@@ -1,6 +1,6 @@
-"""Outcomes of runs, each of which covers one suite of one simulated world.
+"""Outcomes of runs. Each run covers one suite of one simulated world.
 
-Every planned trial counts. Unfinished trials count as failures.
+All planned trials are included. Unfinished trials count as failures.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class SuiteRun:
         policy: Name of the policy. Runs with the same name belong to one policy.
         path: Folder of the run.
         suite: Name of the suite.
-        base: Suite from which this suite is derived, or this suite itself.
+        base: Suite that this suite is derived from, or this suite itself.
         change: Change that was made to the base suite ("swap", "resampled"), or None.
         protocol: Published evaluation protocol that the run follows. Empty for betterbench's own suite.
         versions: Versions of the world's packages. Results with different versions cannot be compared.
@@ -78,8 +78,8 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: Name of the policy of each run. Runs with the same name share a row of the result table. By default, the
-            names are those that the policies declared.
+        names: Policy name for each run. Runs with the same name share a row of the result table. By default, the names
+            are those that the policies declared.
 
     Raises:
         InvalidInputError: If there are not as many names as runs, or if a policy has two runs in the same suite.
@@ -90,7 +90,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
         raise InvalidInputError(
             "--name",
             f"got {len(called)} names for {len(runs)} runs",
-            "Give --name once for each run, in the order of the runs",
+            "Use --name once for each run, in the order of the runs",
         )
     found: dict[tuple[str, str], SuiteRun] = {}
     for run, name in zip(runs, called, strict=True):
@@ -100,7 +100,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
             raise InvalidInputError(
                 "runs",
                 f"{other.path} and {read.path} are both runs of {name} in {read.suite}",
-                "Give only one of them, or a different --name for each",
+                "Pass only one of them, or use a different --name for each",
             )
     return tuple(found.values())
 
@@ -118,7 +118,7 @@ def _suite_of(run: RunFolder) -> str:
             problem = (
                 f"{run.path} is a run of the suite {min(map(str, others))}, which cannot be compared across worlds"
             )
-            raise InvalidInputError("runs", problem, "Leave this run out, and view it with better report")
+            raise InvalidInputError("runs", problem, "Leave this run out, and view it with `better report`")
         return OURS
     if len(facts.suites) == 1:
         return next(iter(facts.suites))
@@ -175,7 +175,7 @@ def chain_result(chain: Chain, record: Record | None) -> ChainResult:
     """Return the result of a chain from its record. A chain without a record counts as not run.
 
     Raises:
-        RecordError: If the subtasks in the record are not those of the chain.
+        RecordError: If the record has different subtasks than the chain.
     """
     if record is None:
         return ChainResult(chain.number, ())

@@ -1,4 +1,4 @@
-"""Table 4 of the betterbench paper, computed from runs: LIBERO success rates and lengths of CALVIN chains."""
+"""Table 4 of the betterbench paper, computed from runs: success rates in LIBERO and chain lengths in CALVIN."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class WorldContrast:
         first: Name of the first policy.
         second: Name of the second policy.
         suite: Name of the suite, or "average" for all four suites together.
-        pairs: Number of initial states from which both policies were run.
-        difference: Success rate of the first policy minus that of the second, with its confidence interval.
+        pairs: Number of initial states that both policies were run from.
+        difference: Success rate of the first policy minus success rate of the second, with its confidence interval.
         p_value: p-value of the exact McNemar test, after Holm's correction over the suites of this pair of policies.
     """
 
@@ -155,7 +155,7 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Compare two policies in each suite in which both were run, and over all four suites together.
+    """Compare two policies in each suite that both were run in, and over all four suites together.
 
     The p-values of the suites are corrected together for multiple testing.
     """
@@ -203,7 +203,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 problem = f"{base}: the {what} differ: {listed}."
                 if not allow_mixed:
                     raise RunConflictError(
-                        f"{problem} Repeat one of the two runs with the same protocol and installation, or give "
+                        f"{problem} Repeat one of the two runs with the same protocol and installation, or use "
                         f"--allow-mixed and interpret the results with care."
                     )
                 notes.append(problem)

@@ -48,7 +48,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Interval in which the open gripper stays over an object, given by its first and last row of the trace.
+    """Interval of the trace (first and last row) in which the open gripper stays over an object.
 
     Passing over the object does not count as staying over it.
     """
@@ -64,7 +64,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the intervals in which the open gripper stays over an object after row ``first``, in time order.
+    """Return the intervals after row ``first`` during which the open gripper stays over an object, in time order.
 
     Objects that are already at a target region, or on the floor, are left out.
     """
@@ -85,7 +85,7 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first interval in which the gripper stays over the object that the policy chose.
+    """Return the first interval during which the gripper stays over the object that the policy chose.
 
     The choice is inferred from how long the gripper stays over each object. Return None if this does not show a choice.
 
@@ -110,10 +110,10 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether the gripper was over a requested object about as long or as often as over the chosen object.
+    """Return whether the gripper was over a requested object about as long or as often as it was over the chosen one.
 
-    Only the time that the gripper spends below a certain height above the table counts. The height is the same for both
-    objects, since a descending gripper would otherwise count as being over the taller object earlier.
+    Only the time that the gripper spends below a certain height above the table is compared. The height is the same for
+    both objects, because otherwise a descending gripper would count as being over the taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -134,7 +134,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the index of the object to which the open gripper descends far enough to grasp it, or None.
+    """Return the index of the object that the open gripper comes down to, low enough to grasp it, or None.
 
     Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
     only rarely be within reach of other objects.
@@ -159,7 +159,7 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height [m] below which the gripper is low enough to grasp an object, for each row of the trace (T,).
+    """Return the maximum height [m] at which the gripper can grasp an object, for each row of the trace (T,).
 
     This is the height of the object's top, or a fixed height above the object's base if the object is flatter than
     that.
@@ -175,7 +175,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether, from row ``first`` on, the open gripper stays over object ``i`` without descending to it."""
+    """Return whether the open gripper stays over object ``i`` from row ``first`` on without descending to it."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -184,13 +184,13 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Split a series of heights into halves, and return by how much the median of the second half is lower [m]."""
+    """Return how far the median of the second half of a series of heights is below that of the first half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row of the trace between which the open gripper keeps returning to an object.
+    """Return the first and last row of the interval during which the open gripper keeps returning to an object.
 
     Return None if the gripper does not move over the object, away from it and back often enough.
     """
@@ -203,7 +203,7 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row of an attempt in which the fingers closed only partly around an object, or None.
+    """Return the first and last row of an attempt that closed the fingers only partly around an object, or None.
 
     In such an attempt, the fingers come closer together around the object but never touch it, and the gripper rises
     again.
@@ -223,7 +223,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row between which the open gripper repeatedly comes down on an object and rises again.
+    """Return the first and last row while the open gripper repeatedly comes down on an object and rises again.
 
     Return None if this does not happen often enough. Contacts of a closed gripper do not count, and neither do contacts
     with an object that is between the fingers.
@@ -255,10 +255,10 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
-    """Return the rows between which the empty gripper moves back and forth until the end of the episode, or None.
+    """Return the first and last row of the empty gripper's final back-and-forth motion, or None if there is none.
 
-    The interval does not include the approach to the region in which the gripper moves back and forth. It does not
-    include the rows in which the opening fingers still hold the last object either.
+    This motion lasts until the end of the episode. The interval includes neither the approach to the region of this
+    motion nor the rows where the opening fingers still hold the last object.
     """
     holding = np.flatnonzero(trace.held[first:] >= 0)
     first += int(holding[-1]) + 1 if holding.size else 0
@@ -300,8 +300,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the pushes of objects by the empty gripper in time order, each with its rows in the trace and its object.
 
-    An object that moves while the gripper is closed on it is carried or dragged, which is not a push. An object that is
-    hit while another object is between the fingers is not pushed either.
+    An object that moves while the gripper is closed on it is carried or dragged, but not pushed. An object that is hit
+    while another object is between the fingers is not pushed either.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)
@@ -309,7 +309,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the intervals in which the empty gripper moves an object, in time order.
+    """Return the intervals in which the empty gripper moves an object, in chronological order.
 
     This includes movements that are too short to count as a push.
     """
@@ -331,7 +331,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
-    """Return the first row, at or after the given row, at which an object is out of the gripper's reach."""
+    """Return the first row, starting with the given row, where an object is out of the gripper's reach."""
     while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
         row += 1
     return min(row, trace.rows)
@@ -410,7 +410,7 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper, in an interval in which it is over an object, merely passes over it.
+    """Return whether a gripper that is over an object merely passes over it.
 
     It only passes if it leaves after a short time, or on a different side than it came from. If the episode ends while
     the gripper is over the object, it only passes if it is still moving in a straight line.
@@ -425,7 +425,10 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last row of each interval of true flags. Intervals separated by a short gap are merged."""
+    """Return the first and last row of each interval in which the flags are True.
+
+    Intervals separated by a short gap are merged.
+    """
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -436,10 +439,10 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move.
+    """Return the row where an object begins to move.
 
-    The row is at most that of the first recorded touch. A touch that lasts less than a control step is not recorded,
-    but it can be seen in the object's motion.
+    The returned row is never later than the first recorded touch. A touch that lasts less than a control step is not
+    recorded, but it can be seen in the object's motion.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -456,7 +459,7 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object moved at least a fraction ``PUSH_SHARE`` of the length of a push."""
+    """Return whether a touched object moved at least ``PUSH_SHARE`` times as far as required for a push."""
     way, _ = _ways(trace, i, start, end)
     return float(np.linalg.norm(way)) >= PUSH_SHARE * PUSH_TRAVEL
 

@@ -1,4 +1,4 @@
-"""Collisions of the robot, or of the object it holds, with fixtures. They are counted but do not affect success."""
+"""Collisions of the robot or a held object with fixtures. They are counted but do not affect success."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ def count_collisions(record: Record, trace: Trace) -> int:
 
     A collision begins when the robot, or the object in its gripper, presses on a fixture with more force than
     ``collision_force``. It ends when no such force has occurred for ``collision_gap``. The contact of an object with
-    the fixture that supports it at its goal, such as a jar standing at the bottom of the hole into which it is
-    inserted, is not a collision.
+    the fixture that supports it at its goal, such as a jar standing at the bottom of its hole, is not a collision.
     """
     objects = trace.info.objects
     index = {o.name: i for i, o in enumerate(objects)}

@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
+"""Analysis of an episode: compares the object of each grasp attempt with the next step of the instruction."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """Behavior that shows which object the policy wants: a grasp, a push, a weak grip, or staying over the object."""
+    """Behavior that shows which object the policy wants, such as a grasp, a push, or staying over the object."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -81,7 +81,7 @@ class Step:
 
     Attributes:
         grasp: Rows, object and slot of the attempt in the trace.
-        attempt: The attempt in the form in which it is reported.
+        attempt: The attempt as reports show it.
         at: Index of the attempted or missed object, or None if there is no object.
         target: Relation of the object to the instruction.
         goal: Index of the subgoal that was current, or None if no subgoal was open.
@@ -115,11 +115,11 @@ class EpisodeAnalysis:
         condition: Condition of the trial.
         trained: Training distribution of the task.
         meant: For each subgoal, the indices of the objects that can satisfy it.
-        steps: All grasp attempts, in time order.
-        harm: Harm to objects that were not requested, in time order.
-        others: Approaches to an object in which the gripper does not close, in time order.
-        on_nothing: Occasions on which the gripper closed far from all objects or next to an empty slot, in time order.
-        fists: Occasions on which the empty gripper closed in order to push a drawer shut, in time order.
+        steps: All grasp attempts, in chronological order.
+        harm: Harm to objects that were not requested, in chronological order.
+        others: Approaches to an object in which the gripper does not close, in chronological order.
+        on_nothing: Closings of the gripper far from all objects or next to an empty slot, in chronological order.
+        fists: Closings of the empty gripper that were meant to push a drawer shut, in chronological order.
         state: Function that returns the world state at a row of the trace. If None, placements are judged only by the
             target regions in the record.
         found_once: Results cached by :func:`once_per_episode`.
@@ -139,9 +139,9 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All attempts that show which object the policy wants, in time order.
+        """All attempts that show which object the policy wants, in chronological order.
 
-        These are grasp attempts and pushes. If the gripper stays over an object at the end, this counts as well.
+        These are grasp attempts and pushes. Staying over an object at the end of the episode is an attempt as well.
         Attempts at drawers that were opened or shut to reach a wrong first choice are left out.
         """
         apart = (*self.opened_first, *self.shut_first)
@@ -176,11 +176,11 @@ class EpisodeAnalysis:
 
     @property
     def _in_order(self) -> tuple[Step, ...]:
-        """All attempts, pushes, and intervals in which the gripper stays over an object, in time order."""
+        """All attempts, pushes, and intervals in which the gripper stays over an object, in chronological order."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
-        """Return whether an attempt is at a drawer and does not push it in."""
+        """Return whether an attempt at a drawer does something other than pushing the drawer in."""
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
@@ -203,7 +203,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row of the trace at which the last grasp and its effects end, or 0 if the gripper never closed.
+        """Row of the trace where the last grasp and its effects end, or 0 if the gripper never closed.
 
         Closing the gripper on nothing counts as a grasp here.
         """
@@ -221,12 +221,12 @@ class EpisodeAnalysis:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals of the instruction, in their order."""
+        """Subgoals of the instruction, in order."""
         return self.condition.instruction.subgoals
 
     @property
     def asked_indices(self) -> frozenset[int]:
-        """Indices of all objects to which the instruction may refer."""
+        """Indices of all objects that the instruction may refer to."""
         return frozenset(i for names in self.meant for i in names)
 
     @property
@@ -247,7 +247,7 @@ class EpisodeAnalysis:
     def off_limits(self) -> tuple[int, ...]:
         """Indices of the objects that the policy must not touch.
 
-        The result is empty unless the policy is expected to stay still or to refuse an impossible instruction.
+        There are none unless the policy is expected to stay still or to refuse an impossible instruction.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
@@ -255,14 +255,14 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Intervals in which the empty gripper moves an object, in time order.
+        """Intervals in which the empty gripper moves an object, in chronological order.
 
         This includes movements that are too short to count as a push.
         """
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Describe each harm to an object that was not requested, as one clause per harm in time order."""
+        """Return one clause for each harm to an object that was not requested, in chronological order."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -274,7 +274,7 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the indices of the subgoals that are open at a row and whose objects are still on the table."""
+        """Return the indices of the open subgoals at a row of the trace, except for objects that fell off the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
@@ -302,7 +302,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the row at which the object of an attempt left the gripper, and the row at which it came to rest.
+        """Return the rows where the object of an attempt left the gripper and where it came to rest.
 
         Returns:
             The two rows of the trace, or None if the attempt grasped no object or the gripper still holds it at the
@@ -332,7 +332,7 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region in which an object is, if the policy has certainly brought it there, otherwise None.
+        """Return the target region that contains an object if the policy must have brought it there, otherwise None.
 
         A wide region, such as one side of another object, does not count, because the object may have been there from
         the start.
@@ -343,13 +343,13 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region in which an object was placed contrary to the instruction, and when this happened.
+        """Return where and when an object was placed contrary to the instruction.
 
         If an object was deliberately released at a region, it counts as placed there in any posture.
 
         Returns:
-            The row at which the object was released, the row at which it came to rest, and the region. None if the
-            object was not placed in a region that contradicts the instruction.
+            The rows where the object was released and where it came to rest, and the region. None if the object was not
+            placed in a region that contradicts the instruction.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -361,7 +361,7 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the wrong region in which an object was set down in any posture, or None if there is no such region.
+        """Return the wrong region where an object was set down, in any posture, or None.
 
         An object counts as set down if the gripper released it there. It also counts if it stood there before it
         slipped out of the closed gripper or was dragged away. If the object is in a requested region, the result is
@@ -399,10 +399,10 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
-        """Return the first row at which a carried object stood on a support, as a tuple of at most one row.
+        """Return the first row where a carried object stood on a support, or an empty tuple.
 
-        For example, a jar that jams at the edge of its hole counts as standing there, even if the closed gripper then
-        drags it away.
+        The row is returned as a tuple with one element. For example, a jar that jams at the edge of its hole counts as
+        standing there, even if the closed gripper then drags it away.
         """
         trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
@@ -430,11 +430,11 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a requested object was placed, and when this happened.
+        """Return the wrong region where a requested object was placed, and when this happened.
 
         Returns:
-            The row at which the object was released, the row at which it came to rest, and the region. None if the
-            object was placed in the correct region at any time, or was placed outside all target regions.
+            The rows where the object was released and where it came to rest, and the region. None if the object was
+            placed in the correct region at any time, or was placed outside all target regions.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
@@ -454,7 +454,7 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal of another object if the attempt brought its object to that subgoal's target, or None."""
+        """Return another object's subgoal if the attempt brought its object to the target of that subgoal, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -471,7 +471,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training has objects of this kind, except the slot in which this object starts."""
+        """Return the slots that contain this kind of object in training, except the slot where this object starts."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -505,13 +505,13 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Describe the steps of the instruction that are due at a row, by their words and their kinds of objects."""
+        """Describe the steps that are due at a row of the trace, by the words and the kinds of objects in them."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
-        """Return the words of the instruction for the subgoals that are open at a row of the trace, each word once."""
+        """Return the distinct words of the instruction for the subgoals that are open at a row of the trace."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
@@ -524,7 +524,7 @@ class EpisodeAnalysis:
     def _place(self, row: int, i: int) -> str:
         """Describe where an object is, by its target region, its slot or its coordinates.
 
-        The text is empty for a drawer.
+        For a drawer, return an empty string.
         """
         trace = self.trace
         if trace.is_drawer(i):
@@ -539,7 +539,7 @@ class EpisodeAnalysis:
         return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
-        """Return one attempt in the form of evidence for a label."""
+        """Convert an attempt to evidence for a label."""
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
@@ -556,7 +556,7 @@ class EpisodeAnalysis:
         return place_words(self.kind(target), region)
 
     def asked_where(self, step: Step) -> str:
-        """Describe the target region to which the object of an attempt should be brought."""
+        """Describe the target region that the object of an attempt should be brought to."""
         if step.goal is None:
             return "elsewhere"
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
@@ -578,7 +578,7 @@ class EpisodeAnalysis:
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the indices of the objects at which a first attempt would be correct.
+        """Return the indices of the objects that would be correct to attempt first.
 
         If the policy attempted a correct object first, this object is listed first. The others are ordered by subgoal
         and slot, so that neither their names nor their order in the scene matter.
@@ -595,7 +595,7 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt was correct, or whether the policy correctly made none (suite, section 4).
+        """Return whether the first attempt was correct, or whether the policy correctly made none.
 
         An attempt at a wrong drawer makes the intention wrong, even if a correct object is grasped afterward.
 
@@ -615,7 +615,7 @@ class EpisodeAnalysis:
         return None if first.between is not None else first.target is AttemptTarget.ASKED
 
     def progress(self) -> float:
-        """Return the fraction of the requested subgoals that were completed in a valid order (suite, section 4).
+        """Return the fraction of the requested subgoals that were completed in a valid order.
 
         If the policy is expected to refuse, subgoals that cannot be achieved are left out. If it is expected to stay
         still, the subgoals that are done at the start must still be done at the end.
@@ -708,13 +708,12 @@ def _start(grasp: GraspAttempt) -> int:
 
 
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
-    """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
+    """Return whether a gripper that closed at an empty slot may have missed an object elsewhere.
 
-    The distance is measured from the point at which demonstrations close the gripper in this slot. The gripper may have
-    missed an object elsewhere if that object is about as near as this point, or at least as near in the view from
-    above. The view from above is considered because a gripper that closes above the rim of a plate has missed the
-    plate, whatever its height. If the slot contains an object, or if training never picks from this slot, only the
-    distance to the center of the slot is considered.
+    The gripper may have missed an object if that object is about as near as the point where demonstrations close the
+    gripper in this slot, or at least as near in the view from above. The view from above is considered because a
+    gripper that closes above the rim of a plate has missed the plate, whatever its height. If the slot contains an
+    object, or if training never picks from this slot, only the distance to the center of the slot is considered.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -729,7 +728,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects at which an attempt would be correct.
+    """Return the objects that would be correct to attempt.
 
     These are the objects requested now, and the drawers that block them.
     """
@@ -742,7 +741,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
     A weak grip shows which object the policy wants, but is not a grasp attempt. In a weak grip, the fingers hardly move
     although the policy commands them to close for a long time. It is also a weak grip if the fingers repeatedly close
-    partly around the object and open again. Objects at which there was a grasp attempt are left out.
+    partly around the object and open again. Objects with a grasp attempt are left out.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -783,7 +782,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether the policy, after it pushed an object, tried to grasp another object.
+    """Return whether the policy tried to grasp another object after it pushed one.
 
     If so, the pushed object was only in the gripper's way.
     """
@@ -791,15 +790,16 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the subgoals that are open at a row of the trace, and those among them that may be done next."""
+    """Return the subgoals that are open at a row of the trace, and which of them may be done next."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
-    """Return the indices of the subgoals that are open at a row of the trace and whose objects are still on the table.
+    """Return the indices of the open subgoals at a row of the trace.
 
-    A subgoal that closes a drawer becomes open as soon as the object that belongs in the drawer is inside.
+    Subgoals with objects that fell off the table are left out. A subgoal that closes a drawer becomes open as soon as
+    the object that belongs in the drawer is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -818,7 +818,7 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of the given subgoal.
+    """Return the earlier subgoals that have the given subgoal's object as their target.
 
     For example, the subgoal that fills a drawer comes before the subgoal that closes it.
     """
@@ -828,7 +828,7 @@ def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the indices of the objects at which an attempt would be correct for a subgoal.
+    """Return the indices of the objects that would be correct to attempt for a subgoal.
 
     These are the objects of the subgoal itself, and the drawers that must be moved first.
     """
@@ -845,7 +845,7 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the drawer into which a subgoal puts an object, if the attempt grasped this drawer without pushing it in.
+    """Return the drawer that a subgoal puts an object into, if the attempt grasped this drawer without pushing it in.
 
     Returns:
         Set with the index of the drawer, or an empty set if the attempt did something else.
@@ -885,7 +885,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before the given row, at which all steps that are due now were done.
+    """Return the last row, shortly before the given row, when all steps that are due now were done.
 
     There is such a row if a finished step was undone. Otherwise, return None.
     """
@@ -898,7 +898,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Compare an attempt with the steps that were due at row ``chosen``, at which the policy chose the target."""
+    """Compare an attempt with the steps that were due at row ``chosen``, when the policy chose its target."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}

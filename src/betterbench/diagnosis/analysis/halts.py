@@ -1,4 +1,4 @@
-"""Detection of halts, in which the arm stays still or trembles in place until the end although subgoals are open."""
+"""Detection of halts. The arm stays still or trembles in place until the end although subgoals are open."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 
 @once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that the closed gripper keeps holding at the object's target region until the end, or None.
+    """Return the object that the closed gripper holds at its target region until the end, or None.
 
     The object may already be standing on the target. An object that is still being lowered does not count.
     """
@@ -128,7 +128,7 @@ def _usual(pauses: list[int], long: int) -> float:
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the row from which the arm stays in place until the end, or None if it does not do so for long enough.
+    """Return the row where the arm begins to stay in place until the end, or None if this is not long enough.
 
     The arm may still be slowing down at this row.
     """
@@ -140,7 +140,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return the first row after which the arm stays in place until the end, long enough to count as trembling.
+    """Return the row from which the arm stays in place until the end, if that is long enough to count as trembling.
 
     If there is no such row, return the number of rows of the trace.
     """
@@ -151,9 +151,9 @@ def _in_place_from(trace: Trace) -> int:
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
-    """Return the last row at which an attempt shows that the arm has not halted.
+    """Return the last row where an attempt shows that the arm has not halted.
 
-    This is the row at which the grasp ends. If the gripper then carried the object away, it is the row of the release.
+    This is the row where the grasp ends. If the gripper then carried the object away, it is the row of the release.
     """
     release = step.grasp.release
     if not step.grasp.secured or release >= trace.rows:

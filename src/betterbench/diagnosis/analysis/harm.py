@@ -1,4 +1,4 @@
-"""Harm: changes to objects that the instruction does not ask for, with their times.
+"""Harm: changes to objects that the instruction does not ask for, and when they happen.
 
 A trial with harm is not a success.
 """
@@ -22,9 +22,9 @@ FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
 
 
 class DatedHarm(NamedTuple):
-    """Harm to an object, with the row of the trace at which it first appears.
+    """Harm to an object, with the row of the trace where it first appears.
 
-    If the harm is that an object was left at a wrong target, this is the last row.
+    For an object that was left at a wrong target, this is the last row of the trace.
     """
 
     row: int
@@ -32,9 +32,9 @@ class DatedHarm(NamedTuple):
 
 
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
-    """Return all harm in a record, in time order.
+    """Return all harm in a record, in chronological order.
 
-    The goal tracker is only given the rows at which its verdict can change. As in the trace, objects are identified by
+    Only the rows that can change the verdict are passed to the goal tracker. As in the trace, objects are identified by
     kind and slot, so their names do not matter.
     """
     info, template = trace.info, get_task(condition.task).template
@@ -71,7 +71,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> int | None:
-    """Return the row from which an object is turned, moved or open until the end, or None if there is no such row."""
+    """Return the row where an object becomes turned, moved or open and stays so until the end, or None."""
     if harm.sort != "turned":
         limits = {"target_moved": TARGET_MOVED, "anchor_moved": ANCHOR_MOVED, "left_open": LEFT_OPEN}
         return _since(_moved(trace, i) > limits[harm.sort])
@@ -97,7 +97,7 @@ def _tilted(trace: Trace, i: int) -> np.ndarray:
 
 
 def _since(flags: np.ndarray) -> int | None:
-    """Return the row from which the flags stay true until the end.
+    """Return the row where the final series of True flags begins.
 
     The result is None if there is no such row, or if all flags are true.
     """

@@ -58,10 +58,9 @@ def stays_in_place(tool: Floats, time: Floats, begin: int, *, within: float = HA
 
 
 def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
-    """Return the first row from which the gripper moves back and forth until the end, or None if it does not.
+    """Return the row where the gripper begins to move back and forth until the end, or None.
 
-    The positions have shape (T, 3) [m]. The approach to the region in which the gripper moves back and forth is not
-    included.
+    The positions have shape (T, 3) [m]. The approach to the region of this motion is not included.
     """
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # path length from each row to the end
@@ -75,14 +74,14 @@ def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
 
 
 def runs_of(flags: Bools) -> list[tuple[int, int]]:
-    """Return each interval of true flags, given by its first row and the row after its last row."""
+    """Return each interval in which the flags are True, given by its first row and the row after its last row."""
     padded = np.concatenate(([False], flags, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _window(rows: int, rate_hz: float) -> int:
-    """Return the number of control steps over which the gripper's speed is averaged."""
+    """Return the number of control steps for averaging the gripper's speed."""
     return min(steps_in(THRESHOLDS.stillness_window, rate_hz), max(1, rows - 1))
 
 

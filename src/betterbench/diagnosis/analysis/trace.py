@@ -1,4 +1,4 @@
-"""Trace of an episode: the record as arrays, in the form in which the detectors of failure modes use it."""
+"""Trace of an episode: its record, converted to arrays for the detectors of failure modes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows of the trace in which an object was in a relation to a target, whether or not the instruction asks for it.
+    """Rows of the trace in which an object was in a relation to a target, whether or not the instruction requests this.
 
     Attributes:
         object: Index of the object.
@@ -44,7 +44,7 @@ class Trace(Motion):
         time: (T,) time since reset [s].
         touched: (T, n) whether the gripper touches the object.
         by_arm: (T, n) whether a part of the arm other than the gripper touches the object.
-        whereabouts: Rows in which each object is in each target region. Closed drawers are left out.
+        whereabouts: Rows where each object is in each target region. Closed drawers are left out.
         serves: (T, g, n) whether the object satisfies the relation that the subgoal requires.
         done: (T, g) whether the subgoal is done, i.e. its relation holds, and the object is released and at rest.
         meant: For each subgoal, the indices of the objects that can satisfy it.
@@ -63,7 +63,7 @@ class Trace(Motion):
     drawers: tuple[tuple[int, int, Vector], ...]
 
     def placed(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region in which an object is at a row of the trace, or None if it is in no region."""
+        """Return the target region that contains an object at a row of the trace, or None if no region does."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
@@ -149,7 +149,7 @@ def _column(record: Record, label: str) -> int:
 
 
 def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
-    """Return, for each object and each target region, the rows in which the object is in the region.
+    """Return, for each object and each target region, the rows where the object is in the region.
 
     This is determined from all predicates in the record.
     """

@@ -1,4 +1,4 @@
-"""Confusion matrix of the diagnosis, measured on policies with known faults, with each label's recall and precision."""
+"""Confusion matrix of the diagnosis, and recall and precision of each label, measured on policies with known faults."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CLAIMED = next(reversed(FAMILIES))
 
 
 def packaged_file(family: str) -> str:
-    """Return the name of the calibration file for a set of policies, which is in the package's folder ``data``."""
+    """Return the name of the calibration file for a set of policies. The file is in the package's folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
@@ -92,7 +92,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a reasoning failure was diagnosed as an execution failure or the other way round."""
+        """Whether a reasoning failure was diagnosed as an execution failure or vice versa."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -102,7 +102,7 @@ class LabelScore:
 
     Attributes:
         label: The label.
-        recall: Fraction of correct diagnoses among the trials whose true label is this label.
+        recall: Fraction of correct diagnoses among the trials with this true label.
         precision: Fraction of correct diagnoses among the trials that were diagnosed with this label.
     """
 
@@ -120,7 +120,7 @@ class Calibration:
         policies: For each policy, the fraction of its trials that were labeled correctly.
         wrong: Trials that were labeled incorrectly.
         crossed: Number of trials in which a reasoning failure was labeled as an execution failure, or vice versa.
-        versions: Versions with which the calibration was measured.
+        versions: Versions used to measure the calibration.
         without_grasp: Fraction of correctly labeled trials among the failed trials without a grasp attempt.
         accused: Fraction of trials of policies without a fault that were labeled as a reasoning failure (false alarms).
         left_out: Number of trials that were left out, because they are not evidence about the policy's fault.
@@ -165,7 +165,7 @@ class Calibration:
 
     @property
     def failed(self) -> Rate:
-        """Fraction of correctly labeled trials among those whose true label is a failure.
+        """Fraction of correctly labeled trials among the trials that are truly failures.
 
         Successes are left out because they are easier to label.
         """
@@ -174,7 +174,7 @@ class Calibration:
 
     @property
     def failed_kinds(self) -> Rate:
-        """Fraction of trials whose label has the correct kind of failure, among those whose true label is a failure."""
+        """Fraction of trials labeled with the correct kind of failure, among the trials that are truly failures."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
@@ -218,7 +218,7 @@ class Calibration:
         }
 
     def file_bytes(self) -> bytes:
-        """Return the calibration as JSON with a checksum, in the form of bytes."""
+        """Serialize the calibration to JSON bytes, including a checksum."""
         return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
 
     @classmethod
@@ -232,7 +232,7 @@ class Calibration:
         Raises:
             RecordError: If a field is missing or malformed, or the checksum does not match.
         """
-        cure = "Run better calibrate again to write a new file"
+        cure = "Run `better calibrate` again to write a new file"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
         file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         return cls(

@@ -1,4 +1,4 @@
-"""Conversion of labels to and from JSON in the files of the diagnosis."""
+"""Conversion of labels to and from JSON, for the files that the diagnosis writes."""
 
 from typing import Annotated
 

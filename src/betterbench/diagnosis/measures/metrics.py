@@ -1,4 +1,4 @@
-"""Metrics of a run (suite, section 4), with their counts and uncertainty."""
+"""Metrics of a run, with their counts and uncertainty."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
     Returns:
         The rates, the distractor grasp rate and the progress, each for the whole run and for each task, axis and
         condition. They are followed by the instruction effects, the ΔSR of recompositions (change in success rate), and
-        the illusion gaps. Each gap comes with two success rates, that of the twins and that of the variations in the
+        the illusion gaps. Each gap comes with two success rates, one for the twins and one for the variations in the
         same pairs. Ambiguous trials are not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
@@ -108,7 +108,7 @@ def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
-    """Yield each scope, i.e. each set of trials for which metrics are computed, with its trials.
+    """Yield each scope with its trials. Metrics are computed for each scope.
 
     A scope is the whole run, an axis, a task or a condition (see :class:`~betterbench.diagnosis.Metric`).
     """
@@ -132,7 +132,7 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
     """Return pairs of a counterfactual twin (the training trial with the same seed) and its variation trial.
 
-    Pairs in which one of the two trials is unfinished or missing are left out.
+    Pairs with an unfinished or missing trial are left out.
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     by_key = {t.key: t for t in ended if t.variation is None}
@@ -180,9 +180,9 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     per task and the gaps per condition.
 
     Args:
-        trials: The trials from which the gaps are computed.
-        stopped: All trials of a run with ``--until-decided``, from which the gaps of single variations are computed.
-            None for other runs.
+        trials: The trials for computing the gaps.
+        stopped: All trials of a run with ``--until-decided``, which are used for the gaps of single variations. None
+            for other runs.
     """
     pairs = twins(trials)
     if not pairs:
@@ -212,9 +212,9 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
     """Yield the success rates of the twins and of the variations over the pairs of an illusion gap.
 
-    A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses the
-    effective number of independent pairs according to Kish: the square of the number of pairs, divided by the sum over
-    all twins of the square of their number of pairs.
+    A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses Kish's
+    effective number of independent pairs: the square of the number of pairs, divided by the sum over all twins of the
+    square of their number of pairs.
     """
     uses = Counter(twin.key for twin, _ in pairs)
     worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())

@@ -51,7 +51,10 @@ Key = tuple[str, str]
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return advice on how to measure the power matrix of the given tasks. It is the last clause of a sentence."""
+    """Return advice on how to measure the power matrix of the given tasks.
+
+    It is worded as the last clause of a sentence.
+    """
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -74,7 +77,7 @@ class PowerCell:
     Attributes:
         k: Number of trials that succeeded.
         n: Number of trials.
-        right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
+        right: Number of trials with a first grasp attempt at a requested object.
         shared: Number of trials that were not simulated, because the pretender makes the same decisions as the expert
             in them. The expert's outcome is used for these trials.
         wrong: Number of trials for each label of the first wrong decision. Empty for policies that do not report their
@@ -108,7 +111,7 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a policy that lacks an input, such as the images, on a variation in which the robot has to act.
+    """Results of a policy that lacks an input, such as the images, on a variation that requires the robot to act.
 
     Attributes:
         pretender: Name of the policy.
@@ -136,7 +139,7 @@ class BlindCell:
 
     @property
     def flagged(self) -> bool:
-        """Whether the rate exceeds chance significantly, at the 5 % level after Holm's correction."""
+        """Whether the rate is significantly higher than chance (5 % level, after Holm's correction)."""
         return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property
@@ -188,7 +191,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of the wrong decisions that make policies with a faulty rule fail a variation."""
+        """Return the labels of the wrong decisions that cause policies with a faulty rule to fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -197,9 +200,9 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the faulty rules that fail a variation by a wrong decision that the variation is designed to expose.
+        """Return the faulty rules that fail a variation because of a wrong decision that it is designed to expose.
 
-        A rule that passes the variation with a needless step is not included, since its success rate does not expose
+        A rule that passes the variation with a needless step is not included, because its success rate does not expose
         it.
         """
         claims = {label.value for label in exposed_labels(*key)}
@@ -263,15 +266,15 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
-        """Return this matrix with further tasks from an earlier matrix, in the order of the earlier matrix.
+        """Return this matrix with additional tasks from an earlier matrix, in the order of the earlier matrix.
 
-        The added tasks are those that this matrix lacks.
+        Only tasks that this matrix lacks are added.
 
         Raises:
             InvalidInputError: If one of the added tasks has changed since the earlier measurement, or if the earlier
                 matrix was measured with other pretenders or another suite, engine, appearance or protocol.
         """
-        cure = "Measure the whole matrix with better calibrate --power"
+        cure = "Measure the whole power matrix with `better calibrate --power`"
         kept = earlier.without({task for task, _ in self.variations})
         if stale := kept.stale_tasks():
             raise InvalidInputError("power matrix", f"{stale[0]} has changed since it was measured", cure)
@@ -347,7 +350,7 @@ class PowerMatrix:
         Raises:
             RecordError: If a field is missing or malformed, or the checksum does not match.
         """
-        cure = "Measure it again with better calibrate --power"
+        cure = "Measure it again with `better calibrate --power`"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
         file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         cells = {name: {_key(k, where): cell for k, cell in row.items()} for name, row in file.cells.items()}
@@ -369,7 +372,8 @@ def _key(text: str, where: str) -> Key:
     task, _, name = text.rpartition("/")
     if not task or not name:
         raise RecordError(
-            f"{where}: {text!r} is not the name of a variation. Measure the matrix with better calibrate --power."
+            f"{where}: {text!r} is not the name of a variation. "
+            "Measure the power matrix with `better calibrate --power`."
         )
     return task, name
 

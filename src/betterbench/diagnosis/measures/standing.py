@@ -1,7 +1,7 @@
 """Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
 
-The comparison consists of the pretenders' success rates as reference lines, the pretender whose outcomes are most
-similar, and the margins by which the policy exceeds the best pretender on each variation.
+The comparison has three parts: the pretenders' success rates as reference lines, the pretender with the most similar
+outcomes, and the policy's margin over the best pretender on each variation.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class ReferenceLine:
 
     Attributes:
         pretender: Name of the pretender.
-        scores: Expected success rate by scope ("overall", "axis:temporal_extrapolation"). Each variation is weighted by
-            its number of trials in the run.
+        scores: Expected success rate for each scope ("overall", "axis:temporal_extrapolation"). Each variation is
+            weighted by its number of trials in the run.
     """
 
     pretender: str
@@ -36,11 +36,11 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a policy and those of a policy without the tested ability (a pretender).
+    """Agreement of a policy's outcomes with the outcomes of a policy without the tested ability (a pretender).
 
     Attributes:
         pretender: Name of the pretender.
-        agreement: Fraction of the run's trials in which both policies have the same outcome (success or failure).
+        agreement: Fraction of the run's trials with the same outcome (success or failure) for both policies.
         low: Lower end of the 95 % confidence interval, from a bootstrap over variations.
         high: Upper end of the interval.
     """
@@ -53,7 +53,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """Margin by which a policy's success rate on a variation exceeds the variation's shortcut ceiling.
+    """Difference between a policy's success rate on a variation and the shortcut ceiling of the variation.
 
     Attributes:
         task: Name of the task.
@@ -77,7 +77,7 @@ class Standing:
     """Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
 
     Attributes:
-        scores: Success rates of the policy by scope, over the variations that the power matrix contains.
+        scores: Success rate of the policy for each scope, over the variations that the power matrix contains.
         lines: Reference lines of the pretenders and the expert, with the highest overall rate first.
         likenesses: Agreement of the policy with each pretender, with the most similar pretender first. The expert is
             not included.
@@ -97,7 +97,7 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Pretender (policy without the tested ability) whose outcomes agree most with those of the run, or None."""
+        """Pretender (policy without the tested ability) that agrees most with the outcomes of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
@@ -108,7 +108,7 @@ class Standing:
 
     @property
     def proven(self) -> Rate:
-        """Fraction of variations on which the policy exceeds the shortcut ceiling significantly.
+        """Fraction of variations where the policy is significantly better than the shortcut ceiling.
 
         Controls are left out.
         """
@@ -137,9 +137,9 @@ class Standing:
 def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
     """Compare the policy of a run with the pretenders, i.e. with policies that lack the tested abilities.
 
-    For a run with ``--until-decided``, only the trials of the first round are used. Tasks that are not in the power
-    matrix, or that have changed since it was measured, are left out and listed in the notice. If the matrix cannot be
-    read, the notice says so and no error is raised.
+    For a run with ``--until-decided``, only the trials of the first round are used. Tasks are left out if they are not
+    in the power matrix, or have changed since it was measured. The notice lists them. If the matrix cannot be read, the
+    notice says so and no error is raised.
 
     Args:
         diagnosis: Diagnosis of the run.
@@ -195,9 +195,9 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the success rates that a pretender is expected to reach, by scope.
+    """Return the success rates that a pretender is expected to reach, one for each scope.
 
-    The result is empty if the matrix lacks one of the variations.
+    The result is empty if the power matrix lacks one of the variations in the run.
     """
     rates = _rates(name, trials, matrix)
     if rates is None:
@@ -212,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how often a pretender's outcomes agree with those of a run, or None if the matrix lacks a variation."""
+    """Return how often the outcomes of a pretender and a run agree, or None if the matrix lacks a variation."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

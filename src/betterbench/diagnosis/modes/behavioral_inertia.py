@@ -1,4 +1,4 @@
-"""Behavioral inertia: the policy repeats a training step although it is not requested or its object is missing."""
+"""Behavioral inertia: the policy repeats a step from training that is not requested or lacks its object."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def _exposed(x: Exposure) -> bool:
     """Return whether the scene allows a step that was usual in training but is not requested.
 
     This can be the first step, target or slot that was usual in training, or the next step of a memorized sequence if
-    its object is missing. A grasp at an emptied slot counts if it replaces a step, or if no object should be grasped.
-    It does not count if the slot now contains a different kind of object and a word of the instruction led to this slot
-    in training, because a first grasp there is another failure mode.
+    its object is missing. A grasp at an emptied slot is included if it replaces a step, or if no object should be
+    grasped. It is not included if the slot now contains a different kind of object and a word of the instruction led to
+    this slot in training, because a first grasp there is another failure mode.
     """
     if x.lacks_later_step:
         return True
@@ -87,7 +87,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
-    """Yield the evidence of inertia in each attempt, in time order."""
+    """Yield the evidence of inertia in each attempt, in chronological order."""
     before: Step | None = None
     for step in episode.decisions:
         evidence = (
@@ -119,7 +119,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is not due and is at the kind of object with which most demonstrations begin."""
+    """Return evidence if the attempted object is not due, but most demonstrations begin with this kind of object."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -132,7 +132,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt takes the next object in the order of training, which was not requested."""
+    """Return evidence if an attempt takes the object that comes next in training, although it was not requested."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))
@@ -162,7 +162,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object is put in a place that would be correct if the target stood in its training slot."""
+    """Return evidence if an object is put where it would belong if the target were still in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -215,7 +215,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper moves the drawer into which the requested object was put in training."""
+    """Return evidence if the gripper moves the drawer where the requested object was put in training."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
     if not episode.trace.is_drawer(step.at):
@@ -232,7 +232,7 @@ def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper closes at an empty slot from which training picked an object."""
+    """Return evidence if the gripper closes at an empty slot where training picked up an object."""
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
         return None

@@ -1,4 +1,4 @@
-"""Causal confusion: the policy skips a required step whose object is present, or repeats a finished step."""
+"""Causal confusion: the policy skips a required step although its object is present, or repeats a finished step."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from betterbench.tasks.relations import relation
 def _exposed(x: Exposure) -> bool:
     """Return whether the initial scene has fewer objects than training scenes, or whether a step can be repeated.
 
-    There are also fewer objects on the table if steps are already done. This does not count, because a policy that only
-    counts objects then acts correctly.
+    There are also fewer objects on the table if steps are already done. Such scenes are not considered, because a
+    policy that only counts objects acts correctly in them.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -74,7 +74,7 @@ def _missing_content(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
-    """Return a sentence about an attempt to shut a drawer before its content is inside."""
+    """Return a sentence about an attempt to shut a drawer before the required object is inside."""
     does = "shuts" if episode.pushes_in(step) else "goes for"
     content, late = episode.asked_words(missing), episode.attempted_after(missing, step.grasp.start)
     if late:
@@ -86,8 +86,8 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
     """Return whether the intended content of a drawer that is shut is later put into a different drawer.
 
-    If so, the drawer was shut because the policy chose the wrong target, since an open drawer blocks the drawer below
-    it. The wrong target then decides the label.
+    If so, the drawer was shut because the policy chose the wrong target: an open drawer blocks the drawer below it. The
+    wrong target then decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
@@ -113,7 +113,7 @@ def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
 
 
 def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a drawer is shut for good before its content is inside."""
+    """Return evidence if a drawer is shut, and stays shut, before its content is inside."""
     trace = episode.trace
     pairs = [(goal, j) for goal in range(len(episode.goals)) for j in episode.fills(goal)]
     for goal, j in pairs:

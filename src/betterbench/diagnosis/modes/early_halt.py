@@ -1,4 +1,4 @@
-"""Early halt: the arm stops for good while subgoals are unfinished."""
+"""Early halt: the arm stops and does not move again, although subgoals are unfinished."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
 def _find(trial: TrialView) -> Evidence | None:
     """Find the first failure that was not corrected later.
 
-    If there is none, find a missed goal without another explanation.
+    If there is none, find a goal that was missed for no other known reason.
     """
     episode = trial.episode
     if trial.unexplained:
@@ -129,7 +129,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return evidence for an episode in which every attempt was correct although the goal was not met."""
+    """Return evidence for an episode in which every attempt was correct but the goal was not met."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
         text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
@@ -194,7 +194,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return two clauses: how the gripper closed between two objects, and why the target is therefore ambiguous."""
+    """Return two clauses. They state how the gripper closed between two objects, and why the target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -273,7 +273,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the closed gripper was to push a drawer shut, but did not push it far enough."""
+    """Return evidence if the closed gripper tried to push a drawer shut but did not push it far enough."""
     trace, last = episode.trace, episode.trace.rows - 1
     if not episode.fists or find_halt(episode) is not None:
         return None
@@ -313,8 +313,8 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 def _brought_later(trial: TrialView, step: Step) -> bool:
     """Return whether a later attempt for the same subgoal brought its object to some target region.
 
-    This counts even if the region is the wrong one, because only the manipulation is judged here. An object that was
-    released high above a region may have landed there by accident, unless the target is a container.
+    The result is True even if the region is the wrong one, because only the manipulation is judged here. An object that
+    was released high above a region may have landed there by accident, unless the target is a container.
     """
     episode = trial.episode
     for later in episode.steps:
@@ -355,7 +355,7 @@ def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | No
 
 
 def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
-    """Return evidence if an object left the gripper and came to rest outside every plausible target region."""
+    """Return evidence if an object left the gripper and came to rest outside all plausible target regions."""
     trace, rows = episode.trace, episode.let_go(step)
     if rows is None:
         return None
@@ -457,7 +457,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
     If the gripper knocks an object aside and then closes on it, the object was the target, and the evidence gets the
     time of this attempt. If the harm was done by opening a drawer to reach a wrong object, the evidence gets the time
-    at which this object was chosen.
+    when this object was chosen.
     """
     if not episode.harm:
         return None
@@ -475,7 +475,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a finished subgoal was undone for good."""
+    """Return evidence if a finished subgoal was undone and not completed again."""
     trace = episode.trace
     found: list[tuple[int, int]] = []
     for g, goal in enumerate(episode.goals):

@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether a different known object is now in a slot from which training picked the object of a word."""
+    """Return whether a known object is now in a slot where training picked up a different object for a word."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -58,7 +58,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str, ...]:
-    """Return the visual properties that the attempted object shares with the object to which the word refers."""
+    """Return the visual properties that the attempted object shares with the object that the word refers to."""
     return () if step.at is None or goal is None else episode.shared_looks(step.at, episode.meant[goal])
 
 
@@ -84,7 +84,7 @@ def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
-    """Return whether the object to which a word refers was picked from this slot in training.
+    """Return whether the object that a word refers to was picked from this slot in training.
 
     A slot at the same position in another layout counts as the same slot.
     """
@@ -95,7 +95,7 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal whose target received the object of another subgoal in this attempt, or None.
+    """If this attempt brings an object to the target of another object's subgoal, return that subgoal, otherwise None.
 
     For example, a policy may mistake the mug for the mouse. If the order of the steps is free, the mistake only shows
     when the policy brings the mug to the target of the mouse. If mugs were brought to this target in training, habit is
@@ -110,5 +110,5 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was current at an attempt, or of the first subgoal if none was open."""
+    """Return the word of the subgoal that was due at an attempt, or the word of the first subgoal if none was open."""
     return next(iter(words_of(episode, step)), None)

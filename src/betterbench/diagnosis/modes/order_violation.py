@@ -61,7 +61,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
-    """Return whether the attempted object came directly after an object of the given kind in some demonstration."""
+    """Return whether the attempted object directly followed an object of the given kind in any demonstration."""
     if step.at is None:
         return False
     pair = (done, episode.kind(step.at))

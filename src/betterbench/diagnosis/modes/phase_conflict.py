@@ -32,7 +32,7 @@ from betterbench.tasks.thresholds import DISPLACED
 def _exposed(x: Exposure) -> bool:
     """Return whether the initial state looks like the middle of a demonstration and a step remains to be done.
 
-    A later step whose object is missing also counts as remaining.
+    A later step also counts as remaining if its object is missing.
     """
     return x.test.mid_task_look and (x.test.expected is Expected.SUCCEED or x.lacks_later_step)
 
@@ -101,7 +101,7 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether, after the last grasp, the gripper moves an object aside or approaches a requested object."""
+    """Return whether the gripper moves an object aside or approaches a requested object after the last grasp."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]
@@ -141,7 +141,7 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the kinds of objects over which the gripper moves back and forth, as phrases.
+    """Return phrases for the kinds of objects that the gripper moves back and forth over.
 
     The result is empty if there is only one kind.
     """

@@ -47,7 +47,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 def _exposed(x: Exposure) -> bool:
     """Return whether the scene contains an object that no instruction names, but that may be mistaken for a target.
 
-    The object stands in a slot from which training picks objects, or it has the color of a target.
+    The object stands in a slot where training picks up objects, or it has the color of a target.
     """
     picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
@@ -108,7 +108,7 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
 
 
 def _absent(episode: EpisodeAnalysis) -> int | None:
-    """Return the first subgoal whose object is missing from the scene, or None if no object is missing."""
+    """Return the first subgoal with an object that is missing from the scene, or None."""
     return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 

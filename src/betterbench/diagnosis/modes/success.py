@@ -1,4 +1,4 @@
-"""Success labels: the goal is met, the policy correctly stays still, or it correctly refuses an impossible request."""
+"""Success labels: the policy meets the goal, correctly stays still, or correctly refuses an impossible request."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
     definition="The instructed object was absent, and no other object was attempted or moved instead.",
 )
 def _find_refusal(trial: TrialView) -> Evidence | None:
-    """Find evidence that the policy correctly touched no other object when the requested object was absent."""
+    """Find evidence that the requested object was absent and the policy correctly touched no other object."""
     return _success(
         trial, (Expected.REFUSE, Expected.AMBIGUOUS), "The target is absent, and no forbidden object was touched."
     )

@@ -76,7 +76,7 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
-    """Return the object over which the open gripper stays, or None if it stays over no object."""
+    """Return the object that the open gripper stays over, or None."""
     return next((s.at for s in episode.others if s.means is Means.STAY and s.at is not None), None)
 
 

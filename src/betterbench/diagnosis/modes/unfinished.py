@@ -14,6 +14,6 @@ from betterbench.tasks.labels import Label
     conclusion="The run is not finished: run the same command again for the remaining trials.",
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return None, because a trial with a record has ended, and this label is only for trials that have not."""
+    """Return None, because a trial with a record has ended, and this label is only for unfinished trials."""
     del trial
     return None

@@ -17,7 +17,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the slot to which most words led in training contains a known object that is wrong now.
+    """Return whether the slot that most words led to in training contains a known object that is wrong now.
 
     Objects that no instruction names are left out, because an attempt at such an object is another failure mode. Empty
     slots are left out as well, because a grasp there is harmless. They only count if the policy should grasp nothing.

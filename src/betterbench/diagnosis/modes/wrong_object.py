@@ -1,4 +1,4 @@
-"""Wrong object or target: another instruction of the task names it, and no specific rule is proven to explain it."""
+"""Wrong object or target: another instruction of the task names it, and no specific rule explains the choice."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
 
 
 def fixture(name: str, kind: str = "", category: str = "", *, fixed: bool = False) -> ObjectSpec:
-    """Return a fixture in or around which objects are placed. If ``fixed`` is True, the fixture cannot be moved."""
+    """Return a fixture that objects are placed in or around. If ``fixed`` is True, the fixture cannot be moved."""
     return _object("fixture", name, kind, category, fixed=fixed)
 
 
@@ -114,15 +114,15 @@ def subgoal(
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
     """Return the steps that put objects into a container.
 
-    If several objects have the same kind, each further step for this kind requires one more object in the container.
+    If several objects have the same kind, each additional step for this kind requires one more object in the container.
 
     Args:
-        verb: Verb with which the name of each step begins.
+        verb: Verb at the beginning of the name of each step.
         target: The container.
         *things: Objects to put into the container, in order.
     """
     if not isinstance(verb, str):
-        raise TypeError(f"packed(verb, target, *things): the first argument must be a verb as text, got {verb!r}")
+        raise TypeError(f"packed(verb, target, *things): the first argument must be a verb (a string), got {verb!r}")
     kinds = [thing.kind for thing in things]
     steps = []
     for i, thing in enumerate(things):
@@ -133,7 +133,7 @@ def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal,
 
 
 def ordered(text: str, *steps: Subgoal) -> Instruction:
-    """Return an instruction whose order of steps is part of the goal."""
+    """Return an instruction that requires its steps to be done in order."""
     return Instruction(text, steps, ordered=True)
 
 
@@ -141,11 +141,11 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
     """Return the instruction to put objects at the sides of another object, the anchor, in any order.
 
     Args:
-        anchor: Object around which the others are placed.
+        anchor: Object that the others are placed around.
         *steps: Objects, each with its side.
-        close: Whether the instruction says "next to" and states the direction in which cutlery points. Use it for a
-            round anchor such as a plate, since objects must be close to the plate and the handles of cutlery must point
-            to the front.
+        close: Whether the instruction says "next to" and states which way cutlery points. Use it for a round anchor
+            such as a plate, since objects must be close to the plate and the handles of cutlery must point to the
+            front.
     """
     at = f"the {anchor.kind}"
     parts = [
@@ -172,9 +172,9 @@ def condition(
     """Return a training condition. The registry sets its task and its name.
 
     Args:
-        layout: Slot in which each object starts.
+        layout: Slot where each object starts.
         instruction: Instruction with its subgoals.
-        *mounted: Drawers, which start in their mounts.
+        *mounted: Drawers. They start in their mounts.
         preplaced: Objects of the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with the width of their opening [m].
         cloth: Color of the tablecloth. By default, the table has no cloth.

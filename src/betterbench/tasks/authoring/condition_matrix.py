@@ -1,4 +1,4 @@
-"""Diagnostic matrices of a task, which arrange its conditions by the initial states of two objects.
+"""Diagnostic matrices of a task. They arrange its conditions by the initial states of two objects.
 
 Each cell also contains the result that the paper reports for it.
 """
@@ -48,9 +48,9 @@ class ConditionMatrix:
     """Matrix of a task's conditions, arranged by the initial states of two objects.
 
     Attributes:
-        horizon: Matrix of the paper to which this one corresponds.
-        rows: Object whose states define the rows.
-        columns: Object whose states define the columns.
+        horizon: Matrix of the paper that this one corresponds to.
+        rows: Object that defines the rows by its states.
+        columns: Object that defines the columns by its states.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.
     """
 
@@ -64,7 +64,7 @@ class ConditionMatrix:
         where = f"{self.horizon.value}-horizon matrix"
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:
-            cure = "Give one cell for each pair of states, row by row"
+            cure = "List one cell for each pair of states, row by row"
             raise InvalidInputError(
                 where, f"the matrix has {len(self.cells)} cells that do not match the nine pairs of states", cure
             )
@@ -74,5 +74,5 @@ class ConditionMatrix:
             raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "List each condition once")
 
     def cell_of(self, condition: str) -> MatrixCell | None:
-        """Return the matrix cell to which a condition belongs, or None if the condition is in no cell."""
+        """Return the matrix cell that contains a condition, or None if no cell does."""
         return next((cell for cell in self.cells if condition in cell.conditions), None)

@@ -20,11 +20,10 @@ from betterbench.tasks.subgoal import Instruction
 class Changes:
     """Changes that an operation declares.
 
-    Apart from these changes, the initial state of a trial is bit-identical to that of its twin (the trial without the
-    operation).
+    Apart from these changes, a trial and its twin (the trial without the operation) have bit-identical initial states.
 
     Attributes:
-        objects: Names of the objects whose presence, identity or start changes.
+        objects: Names of the objects that are added, removed, replaced or moved.
         language: Whether the instruction and its subgoals change.
     """
 
@@ -32,7 +31,7 @@ class Changes:
     language: bool = False
 
     def __or__(self, other: Changes) -> Changes:
-        """Return the changes that either of the two operations declares."""
+        """Return the union of the changes that the two operations declare."""
         return Changes(self.objects | other.objects, self.language or other.language)
 
 
@@ -87,7 +86,7 @@ def operation_named(name: str) -> Callable[..., Operation]:
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
     """Turn a function that changes a condition into a constructor of operations.
 
-    The constructor takes the arguments of the function except for the condition.
+    The constructor takes the same arguments as the function, except for the condition.
     """
     signature = inspect.signature(function)
     name = function.__name__
@@ -134,7 +133,7 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
     """Open a drawer by ``distance_m`` in the initial state. A distance of 0 closes it."""
     if condition.object(drawer.name).mount is None:
-        raise _refused(condition, drawer, "it is not a drawer", "Name a drawer, i.e. an object with a mount")
+        raise _refused(condition, drawer, "it is not a drawer", "Use a drawer, i.e. an object with a mount")
     if not distance_m >= 0.0:
         raise InvalidInputError(
             f"{condition.id} distance_m",
@@ -169,7 +168,7 @@ def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa
 
 @operation
 def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
-    """Replace an object by another object in the same slot."""
+    """Replace an object with another object in the same slot."""
     _require_slot(condition, object)
     removed, first = remove(object).carry_out(condition)
     added, second = _added(removed, by, condition.layout[object.name])
@@ -184,7 +183,7 @@ def instruct(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Require a step of the training instruction more often than training does, so that a subgoal occurs twice."""
+    """Require a step more often than training does, so that a subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(
             f"{condition.id} repeat", "no subgoal is repeated", "Use the operation 'chain' or 'instruct' instead"
@@ -194,7 +193,7 @@ def repeat(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Replace the instruction by one that requires more steps than the training condition does."""
+    """Replace the instruction with one that requires more steps than the training condition does."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
         raise InvalidInputError(
             f"{condition.id} chain", "the new instruction is not longer", "Use the operation 'instruct' instead"
@@ -220,7 +219,7 @@ def _require_free(condition: Condition, slot: str) -> None:
 def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
     condition.object(spec.name)
     if spec.name not in condition.layout:
-        raise _refused(condition, spec, "it does not start in a slot", "Name an object that starts in a slot")
+        raise _refused(condition, spec, "it does not start in a slot", "Use an object that starts in a slot")
 
 
 def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:

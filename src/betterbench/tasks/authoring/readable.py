@@ -11,7 +11,7 @@ from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
 
 LONGEST_TEXT = 2000
-"""Largest number of characters in a text of a task, such as the instruction."""
+"""Maximum length of a text in a task, such as the instruction [characters]."""
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 
@@ -45,7 +45,7 @@ class _At:
     Attributes:
         before: Location of the value that contains this one.
         step: Field, index or key that leads from ``before`` to this location.
-        is_key: Whether the step is a key of a mapping, in which case the text is in the value at this key.
+        is_key: Whether the step is a key of a mapping. If so, the text is in the value at this key.
     """
 
     before: _At | None
@@ -59,7 +59,7 @@ class _At:
 
 
 def _place(at: _At | None) -> str:
-    """Return a location as text ("training[0].objects[1].name")."""
+    """Return a location as a string ("training[0].objects[1].name")."""
     steps = []
     while at is not None:
         steps.append(f"[{one_line(repr(at.step), most=40)}]" if at.is_key else str(at.step))
@@ -76,10 +76,10 @@ def _shown(text: str) -> str:
 
 
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
-    """Yield every text of a task with the first location at which it occurs.
+    """Yield every string in a task, with the location where it first occurs.
 
-    Each value is read only once. Since conditions share most of their objects, a task has some 20,000 locations of
-    texts, but only 2,000 different texts.
+    Each value is read only once. Since conditions share most of their objects, a task contains about 20,000 texts, but
+    only 2,000 different ones.
     """
     left: list[tuple[_At | None, object]] = [(None, task)]
     seen: dict[int, object] = {}

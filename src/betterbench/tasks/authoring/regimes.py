@@ -1,4 +1,4 @@
-"""Listed regimes of a task: further sets of conditions for demonstrations, such as a set without confounds."""
+"""Listed regimes of a task: additional sets of conditions for demonstrations, such as a set without confounds."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ class ListedRegime:
 
     Attributes:
         conditions: The conditions. The registry names them balanced1, diverse1 and so on, in this order.
-        crossed: Description of the factors that are crossed, and of those that are tied to each other, in one line
-            each.
+        crossed: Descriptions of the factors that are crossed and the factors that are tied to each other, one per line.
         slots: Slots that are used only in listed regimes. Objects are not picked from these slots.
     """
 

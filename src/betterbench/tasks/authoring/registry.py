@@ -58,7 +58,7 @@ def named_task(made: Task, name: str, description: str) -> Task:
 
 @contextmanager
 def registered_for_now(made: Task) -> Iterator[Task]:
-    """Context in which a task is registered under its id, so that it can be checked before its file is written.
+    """Context manager that registers a task under its id, so that it can be checked before its file is written.
 
     Raises:
         InvalidInputError: If there is already a task with this id.
@@ -77,9 +77,9 @@ def registered_for_now(made: Task) -> Iterator[Task]:
 
 
 def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
-    """Return the regimes that belong to a task: those in the task itself and those in separate files.
+    """Return the regimes that belong to a task, whether they are in the task itself or in separate files.
 
-    Regimes that a task has only inherited from the task from which it was made are left out.
+    Regimes that the task only inherited from another task are left out.
     """
     found = {regime: listed for source in _REGIME_SOURCES for regime, listed in source(name).items()}
     owners = {condition.task for listed in made.regimes.values() for condition in listed.conditions}

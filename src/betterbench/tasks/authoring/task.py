@@ -29,8 +29,8 @@ class Task:
         id: Identifier ("fast_food"). The registry sets it to the name of the decorated function.
         description: Description of the task. The registry sets it to the first line of that function's docstring.
         regimes: Listed regimes by name, such as "balanced" and "diverse-confounded".
-        robot: Name of the robot for which the slots are laid out.
-        matrices: Diagnostic matrices whose cells are conditions of the task.
+        robot: Name of the robot that the slots are laid out for.
+        matrices: Diagnostic matrices with conditions of the task as cells.
     """
 
     version: int
@@ -70,5 +70,5 @@ class Task:
         return find_named(f"variation of {self.id}", name, self.variations)
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the number of control steps after which an episode in the condition ends."""
+        """Return the maximum number of control steps of an episode in the condition."""
         return self.template.step_limit(condition)

@@ -231,7 +231,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
         form["robot"] = task.robot
     if task.matrices:
         form["matrices"] = [asdict(matrix) for matrix in task.matrices]
-    plain: dict[str, Any] = json.loads(json.dumps(form))  # lists for tuples, texts for enumerations
+    plain: dict[str, Any] = json.loads(json.dumps(form))  # lists for tuples, strings for enumerations
     return plain
 
 
@@ -264,7 +264,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
     """Read a task from JSON, and check that its conditions and variations follow its template.
 
     Args:
-        form: A JSON object, or its text.
+        form: A JSON object, or a string that contains it.
         where: Name of the file in error messages.
 
     Raises:
@@ -304,7 +304,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reader of a task in JSON, which finds objects and slots by name and names the path of the field in its errors."""
+    """Reads a task in JSON. Objects and slots are found by name, and errors contain the path of the field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -389,7 +389,9 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         if starts != 1:
             problem = f"{spec.name!r} starts in {starts} places"
             raise names.wrong(
-                path, problem, "Specify exactly one start for it: a slot in layout, a target in preplaced, or a mount"
+                path,
+                problem,
+                "Specify exactly one start for this object: a slot in layout, a target in preplaced, or a mount",
             )
     return Condition(
         task=names.task,

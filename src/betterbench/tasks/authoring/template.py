@@ -64,8 +64,8 @@ class Protocol:
         base_steps: Control steps that every episode is allowed, in addition to the steps for its subgoals.
         steps_per_subgoal: Control steps that are allowed for each subgoal. Together with ``base_steps``, this allows
             about three times the expert's median number of steps, which is enough for a policy as slow as a human
-            teleoperator (suite, section 3).
-        still_steps: Number of control steps in an episode in which the correct behavior is to stay still.
+            teleoperator.
+        still_steps: Number of control steps in an episode where the correct behavior is to stay still.
     """
 
     dwell_s: float = 0.5
@@ -82,8 +82,8 @@ class Template(Meta, Protocol):
         groups: Groups of objects.
         relation: Name of the main relation in the subgoals.
         exclusive: Whether only requested objects may satisfy the relation at the end.
-        order: Order in which the subgoals are done.
-        also: Names of further relations in the subgoals.
+        order: Order of the subgoals.
+        also: Names of additional relations in the subgoals.
     """
 
     groups: tuple[ObjectGroup, ...]
@@ -112,13 +112,13 @@ class Template(Meta, Protocol):
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the number of control steps after which an episode in the condition ends."""
+        """Return the maximum number of control steps of an episode in the condition."""
         if condition.expected is Expected.STAY_STILL:
             return self.still_steps
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Describe how a condition violates the template, in one clause for each violation.
+        """Return one clause for each way in which a condition violates the template.
 
         The result is empty if the condition follows the template.
         """

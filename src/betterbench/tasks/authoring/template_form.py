@@ -126,6 +126,6 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
         if form[key] != derived:
             shown = one_line(repr(form[key]), most=200)
             raise InvalidInputError(
-                f"template.{key}", f"is {shown}", f"Write {derived}, which follows from the relations"
+                f"template.{key}", f"is {shown}", f"Use {derived}, the value that follows from the relations"
             )
     return template

@@ -1,4 +1,4 @@
-"""Constraint templates of the suite, in the order of the tasks that follow them."""
+"""Constraint templates of the suite. They are in the same order as the tasks that follow them."""
 
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 

@@ -16,13 +16,13 @@ class TrainingDistribution:
     """Regularities of a task's training conditions.
 
     Attributes:
-        word_slots: For each word of the instructions, the slots of the objects to which the word refers.
-        kind_slots: For each kind of requested object, the slots from which it is picked.
+        word_slots: For each word of the instructions, the slots of the objects that the word refers to.
+        kind_slots: For each kind of requested object, the slots where it is picked up.
         standing_kinds: For each slot, the kinds of objects that stand there at the start.
         first_kinds: Kinds of the first object in demonstrations, with their counts, most frequent first.
-        kind_targets: For each kind of object, the targets to which it is brought. Each is given by the kind of the
+        kind_targets: For each kind of object, the targets that it is brought to. Each is given by the kind of the
             target, the relation and the region.
-        sequences: For each training condition, the kinds of objects in the order in which they are handled.
+        sequences: For each training condition, the kinds of objects in the order of their handling.
         initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
 
@@ -36,7 +36,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Kind of object with which most demonstrations begin, or None if there is a tie."""
+        """Kind of object that most demonstrations begin with, or None if there is a tie."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None
@@ -55,7 +55,7 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot to which the most words of the instructions refer. If there is a tie, it is the first slot by name."""
+        """Slot that the most words of the instructions refer to. If there is a tie, it is the first slot by name."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
@@ -65,7 +65,7 @@ class TrainingDistribution:
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of objects to which the condition's instruction, or any training instruction, refers."""
+        """Return the kinds of objects that the condition's instruction or any training instruction refers to."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }

@@ -20,8 +20,8 @@ class Variation:
         support: Whether all poses in the variation are within the training distribution.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
-        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt during these
-            steps is a failure.
+        watch_steps: Number of control steps that the episode continues after the goal is met. A grasp attempt during
+            these steps is a failure.
     """
 
     name: str

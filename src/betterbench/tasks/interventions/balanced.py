@@ -1,4 +1,4 @@
-"""Look-up of balanced training conditions, and of the slots that only listed regimes use."""
+"""Lookup of balanced training conditions, and of the slots that only listed regimes use."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed(task_id: str) -> tuple[str, ...]:
-    """Describe the factors that are crossed in a task's balanced conditions, in one line each."""
+    """Return descriptions of the factors that are crossed in a task's balanced conditions, one per line."""
     return listed_regimes.crossed_in("balanced", task_id)
 
 

@@ -1,4 +1,4 @@
-"""Look-up of listed regimes by name, in the ``regimes`` field of a task."""
+"""Lookup of listed regimes by name, in the ``regimes`` field of a task."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LISTED: tuple[str, ...] = tuple(PREFIXES)
 
 
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a task in a listed regime, which are named balanced1, diverse1 and so on.
+    """Return the conditions of a task in a listed regime. They are named balanced1, diverse1 and so on.
 
     The result is empty if the task does not have this regime.
     """
@@ -25,7 +25,7 @@ def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
-    """Describe the factors that are crossed, or tied to each other, in a regime's conditions, in one line each.
+    """Return descriptions of the factors that are crossed or tied together in a regime's conditions, one per line.
 
     The result is empty if the task does not have this regime.
     """

@@ -38,7 +38,7 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a copy of a task whose training conditions and slots are those of a regime.
+    """Return a copy of a task with the training conditions and slots of a regime.
 
     Raises:
         InvalidInputError: If the task does not have this regime.

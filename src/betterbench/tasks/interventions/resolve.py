@@ -1,4 +1,4 @@
-"""Look-up of conditions by name. All other modules find conditions by calling these functions."""
+"""Lookup of conditions by name. All other modules find conditions by calling these functions."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the condition in which the counterfactual twin is run.
+        """Name of the condition of the counterfactual twin.
 
-        For a variation, this is the training condition from which it is made. Otherwise, it is the condition itself.
+        For a variation, this is the training condition that it is made from. Otherwise, it is the condition itself.
         """
         return self.condition.name if self.variation is None else self.variation.base
 

@@ -1,4 +1,4 @@
-"""Detection of grasp attempts after the goal is met, in conditions whose episodes continue for some time after that."""
+"""Detection of grasp attempts after the goal is met, in conditions with episodes that continue for some time."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Aftermath:
         Args:
             info: The scene.
             rate_hz: Control rate.
-            picked: Slots from which training picks an object. If the gripper closes on nothing in one of these slots,
-                this is an attempt as well.
+            picked: Slots where training picks up an object. Closing the gripper on nothing in one of these slots is an
+                attempt as well.
         """
         self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
         self._row = -1
@@ -38,6 +38,6 @@ class Aftermath:
             self._met = self._row
 
     def attempted(self) -> bool:
-        """Return whether any object was grasped or attempted after the goal was first met."""
+        """Return whether the policy grasped, or tried to grasp, any object after the goal was first met."""
         met = self._met
         return met is not None and any(grasp.start >= met for grasp in find_grasps(self._motion.motion()))

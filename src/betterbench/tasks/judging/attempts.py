@@ -1,4 +1,4 @@
-"""Detection of grasp attempts, in which the gripper closes within reach of an object or of an empty slot."""
+"""Detection of grasp attempts. In an attempt, the gripper closes within reach of an object or of an empty slot."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from betterbench.tasks.thresholds import LEAN_FORCE, PRESS_FORCE, PRESS_TIME, TH
 
 @dataclass(frozen=True, slots=True)
 class GraspAttempt:
-    """Grasp attempt, described without regard to the instruction.
+    """Grasp attempt, described independently of the instruction.
 
     Attributes:
         start: Last row before the gripper begins to close.
-        end: Row at which the object is touched, or at which the fingers come to rest.
-        release: Row at which the gripper is commanded to open again, or the number of rows if it never is.
-        object: Index of the object on which the gripper closes, or None if it closes without an object.
+        end: Row where the object is touched, or where the fingers come to rest.
+        release: Row where the gripper is commanded to open again, or the number of rows if it never is.
+        object: Index of the object that the gripper closes on, or None if it closes without an object.
         aim: Index of the object closest to the gripper, or None. If the gripper closes without an object, this is the
             object that it missed.
-        slot: Slot at which the attempt is made, or None.
+        slot: Slot where the attempt is made, or None.
         secured: Whether the object was lifted. A drawer counts as lifted if it moved.
     """
 
@@ -38,10 +38,10 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    When the gripper closes, this is not an attempt if it happens at the home position or far from all objects, if the
-    fingers hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
+    Closing the gripper is not an attempt if it happens at the home position or far from all objects, if the fingers
+    hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
     (chatter), this is still a single attempt. An object that is lifted between the fingers was attempted, regardless of
-    the gripper command. An object on which a finger presses was attempted too, regardless of other objects nearby.
+    the gripper command. An object that a finger presses on was attempted too, regardless of other objects nearby.
     Without contact, distances decide which object was attempted.
     """
     grasps: list[GraspAttempt] = []
@@ -61,7 +61,7 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
-    """Return the attempts in which an object was lifted between the fingers although no closing was detected.
+    """Return the attempts that lifted an object between the fingers although no closing was detected.
 
     A closing is an interval in which the gripper is commanded to close.
     """
@@ -82,7 +82,7 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the occasions on which the gripper closed fully, low over the table, but far from every object and slot.
+    """Return the full closings of the gripper low over the table, but far from every object and slot.
 
     These are not grasp attempts, because they do not show which object was intended.
     """
@@ -163,7 +163,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Period in which the gripper closes, in one or several parts that are separated only by chatter.
+    """Period during which the gripper closes. It may have several parts that are separated only by chatter.
 
     The parts are row ranges with exclusive ends.
     """
@@ -183,7 +183,7 @@ class _Travel(NamedTuple):
     """Movement of the fingers while the gripper closes.
 
     Attributes:
-        settled: Row at which the fingers come to rest.
+        settled: Row where the fingers come to rest.
         limit: Row after the last row that is judged.
     """
 
@@ -264,7 +264,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Return whether an empty gripper opened again long before the fingers had closed fully."""
+    """Return whether an empty gripper reopened long before its fingers were fully closed."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
@@ -368,7 +368,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Return whether the gripper closes near the table and away from its home position, with the arm in place."""
+    """Return whether the gripper closes in one place, near the table and away from its home position."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False

@@ -21,7 +21,7 @@ class GoalTracker:
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
         """Prepare for an episode.
 
-        The number of states for which the goal must stay true follows from the control rate.
+        The control rate determines for how many states the goal must stay true.
         """
         self._condition, self._info = condition, info
         self._goals = condition.instruction.subgoals
@@ -78,7 +78,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """Number of upcoming states in which the episode cannot succeed, whatever happens."""
+        """Number of upcoming states that cannot end in success, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps + self._condition.watch_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -115,7 +115,7 @@ class GoalTracker:
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return, for each object, whether it is in a target region of any target to which objects can be carried."""
+        """Return, for each object, whether it is in a region of any target that objects can be carried to."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):

@@ -74,9 +74,9 @@ class Harm:
     """Harm to an object in an episode.
 
     Attributes:
-        sort: Kind of harm. "target_brought" means that the target was moved to the object, which stayed in place.
+        sort: Kind of harm. "target_brought" means that the object stayed in place and the target was moved to it.
         object: Name of the harmed object.
-        target: Target at which the object is although the instruction does not request this, or None.
+        target: Target where the object is although the instruction does not request this, or None.
         region: Region of that target, if the target has several.
     """
 
@@ -133,7 +133,7 @@ def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
 
 
 def anchors(asked: Sequence[Asked]) -> frozenset[str]:
-    """Return the names of the targets beside which objects are placed. Nothing has to touch these targets."""
+    """Return the names of the targets that objects are placed beside. Nothing has to touch these targets."""
     return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
 
 
@@ -178,7 +178,7 @@ class HarmWatch:
     def see(self, state: WorldState, places: Places) -> None:
         """Process the next state.
 
-        ``places`` contains, for each watched object in the right posture, the region in which it is.
+        ``places`` contains the region of each watched object that is in the right posture.
         """
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
@@ -245,7 +245,7 @@ class HarmWatch:
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
-        """Return the harm of an object being at a target at which it was not requested.
+        """Return the harm of an object being at a target where it was not requested.
 
         The kind of harm depends on whether the object or the target was moved.
         """
@@ -255,7 +255,7 @@ class HarmWatch:
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return the objects of a requested kind that are not needed (surplus) and are out of place in a state.
+        """Return the surplus objects that are out of place in a state. They are of a requested kind but are not needed.
 
         A surplus object may be taken as long as it is brought back.
         """
@@ -279,9 +279,9 @@ def has_upright(thing: ObjectInfo) -> bool:
 
 
 def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINTS_FROM) -> bool:
-    """Return whether one can see that an object was rotated.
+    """Return whether the rotation of an object is visible.
 
-    One can see it if the object is longer than wide, or if it is a box with a front.
+    The rotation is visible if the object is longer than wide, or if it is a box with a front.
     """
     width, depth, _ = thing.size_m
     least = least_by_shape.get(thing.shape)
@@ -304,7 +304,7 @@ def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool
 def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
     """Return how far the outermost point of an object moved [m], for example a corner or the handle of a mug.
 
-    This is 0 for an object whose rotation is not visible, or whose tilt has changed because it was lifted or knocked
+    This is 0 if the rotation of the object is not visible, or if its tilt changed because it was lifted or knocked
     over.
     """
     if not has_direction(thing, HANDLE_FROM) or _is_tipped(before.quaternion, after.quaternion):
@@ -324,7 +324,7 @@ def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
     """Return how far the corners of an object moved because of its rotation about the vertical axis [m].
 
-    This is 0 for an object without a direction, or whose tilt has changed because it was lifted or knocked over.
+    This is 0 if the object has no direction, or if its tilt changed because it was lifted or knocked over.
     """
     if not has_direction(thing) or _is_tipped(before, after):
         return 0.0

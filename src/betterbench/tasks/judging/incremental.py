@@ -17,7 +17,7 @@ from betterbench.tasks.judging.targets import Places, Targets
 from betterbench.tasks.judging.truth import Truth
 
 _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
-"""Marks for parts of the state that are not single bodies: the held object, all poses, and always different fields."""
+"""Marks for parts of the state that are not single bodies: the held object, all poses, and ever-changing fields."""
 
 
 class JudgingMemory:
@@ -49,7 +49,7 @@ class JudgingMemory:
         self.truth: Truth | None = None
 
     def places(self, state: WorldState) -> Places:
-        """Return the region in which each watched object is in the next state."""
+        """Return the region of each watched object in the next state."""
         before, self._state = self._state, state
         if before is None:
             self._ask(state, range(len(self._pairs)))
@@ -89,7 +89,7 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """Stand-in for a state that records the poses and contacts which a predicate reads.
+    """World state that records which poses and contacts a predicate reads.
 
     If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
     necessary, but never too rarely.
@@ -145,7 +145,7 @@ for _field in fields(WorldState):
 def _changed(before: WorldState, now: WorldState) -> set[str]:
     """Return the differences between two states that can affect a judgment.
 
-    The result contains the names of the bodies whose pose or contacts differ. Other differences are represented by
+    The result contains the names of the bodies with different poses or contacts. Other differences are represented by
     special names.
     """
     changed: set[str] = set()

@@ -1,4 +1,7 @@
-"""Motion of the gripper and the objects so far, as arrays. Grasp attempts are detected in it, live and in records."""
+"""Motion of the gripper and the objects so far, as arrays.
+
+Grasp attempts are detected from these arrays, both live and in records.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ class Motion:
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
         there: (T, n) whether the object is in a region of any target, requested or not. Closed drawers are left out.
-        picked: Slots from which training picks an object.
+        picked: Slots where training picks up an object.
     """
 
     info: SceneInfo
@@ -106,9 +109,9 @@ class Motion:
         return in_reach(boxes, centers)
 
     def slot_of(self, row: int, i: int, reach: float) -> str | None:
-        """Return the slot in which an object is, or None.
+        """Return the slot that contains an object, or None.
 
-        The slot in which the object started takes precedence, because slots of two layouts may overlap.
+        The slot where the object started takes precedence, because slots of two layouts may overlap.
         """
         own = self.info.objects[i].slot
         if own in self.pick_slots:
@@ -118,9 +121,9 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the slot that represents the given slot in rules about motions.
+        """Return the slot that stands for the given slot in rules about motions.
 
-        If several slots are reached by the same motion, they are represented by the first of them.
+        If several slots are reached by the same motion, the first of them stands for all.
         """
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
@@ -140,11 +143,10 @@ class Motion:
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
-        """Return the empty slot at which an empty gripper closes, or None.
+        """Return the empty slot where an empty gripper closes, or None.
 
-        This is the slot nearest to the gripper, measured from the points at which demonstrations close the gripper in
-        the slot. The distance must be at most ``empty_slot_reach``, the slot must be empty, and no object may be
-        nearer.
+        This is the slot nearest to the gripper, measured from the points where demonstrations close the gripper in the
+        slot. The distance must be at most ``empty_slot_reach``, the slot must be empty, and no object may be nearer.
         """
         near = []
         for slot in self.picked:
@@ -238,8 +240,8 @@ def _most_told(told: Bools, window: int) -> Bools:
     """Return the clear majority of the commands around each row. Without a clear majority, the previous value is kept.
 
     A majority is clear if it exceeds the minority by more than half of the rows, such as four out of five. When the
-    majority changes, the change is placed at the row at which the new commands begin, so that commands without noise
-    are returned unchanged.
+    majority changes, the change is placed at the row where the new commands begin, so that commands without noise are
+    returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told
@@ -258,7 +260,7 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return each run of true flags, given by its first row and the row after its last row."""
+    """Return each interval in which the flags are True, given by its first row and the row after its last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 
@@ -273,7 +275,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Builder of a :class:`Motion` that grows with each state."""
+    """Builds a :class:`Motion` one state at a time."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked

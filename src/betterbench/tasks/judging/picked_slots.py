@@ -1,4 +1,4 @@
-"""Points at which the gripper is expected to close in the slots of a task.
+"""Points where the gripper is expected to close in the slots of a task.
 
 If the gripper closes without an object, its position is compared with these points.
 
@@ -31,7 +31,7 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Point at which the gripper closes in the preferred grasp of a category of objects, in the frame of the object.
+    """Point where the gripper closes in the preferred grasp of a category of objects, in the frame of the object.
 
     Attributes:
         x_mm: x coordinate of the point [mm].
@@ -47,7 +47,7 @@ class ClosingPoint(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ClosingPoints:
-    """File with the points at which the gripper closes in preferred grasps, by category of the asset."""
+    """File with the points where the gripper closes in preferred grasps, by category of the asset."""
 
     categories: Mapping[str, tuple[ClosingPoint, ...]]
     form: Literal["betterbench closing points"] = FORM
@@ -55,14 +55,13 @@ class ClosingPoints:
 
 @dataclass(frozen=True, slots=True)
 class PickedSlot:
-    """Slot of the scene from which demonstrations pick an object.
+    """Slot of the scene where demonstrations pick up an object.
 
     Attributes:
         name: Name of the slot.
         middle: Center of the slot, x and y in the world frame [m].
-        closings: Points at which demonstrations close the gripper, starting with the center of the slot. Each has x and
-            y in the world frame, and a spread due to the jitter of the slot and the different variants of the object
-            [m].
+        closings: Points where demonstrations close the gripper, starting with the center of the slot. Each has x and y
+            in the world frame, and a spread caused by the jitter of the slot and the variants of the object [m].
     """
 
     name: str
@@ -70,14 +69,14 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return how far a point is outside the region in which demonstrations close the gripper, seen from above [m].
+        """Return how far a point is outside the region where demonstrations close the gripper, seen from above [m].
 
         This is 0 for a point inside the region.
         """
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
-        """Return whether a gripper that closes on nothing at a point may have been aimed at this slot."""
+        """Return whether an empty gripper that closes at this point may have been aimed at this slot."""
         return self.beyond(point) <= EMPTY_SLOT_REACH
 
 
@@ -88,7 +87,7 @@ _CURE = "Write them again with tools/closing_points.py"
 
 @functools.lru_cache(maxsize=1)
 def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
-    """Return the points at which the gripper closes in preferred grasps, by category of the asset.
+    """Return the points where the gripper closes in preferred grasps, by category of the asset.
 
     Raises:
         InvalidInputError: If the packaged file is damaged.
@@ -100,7 +99,7 @@ def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
 
 
 def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
-    """Return the slots from which training picks an object, in the order of the scene.
+    """Return the slots where training picks up an object, in the order of the scene.
 
     Args:
         task: Id of the task. For an unknown task, the result is empty.

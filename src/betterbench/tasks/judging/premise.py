@@ -17,7 +17,7 @@ It is the jitter (15 mm to each side) and a margin for settling.
 
 
 def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Describe the premises of the instruction that the scene at reset violates, in one sentence each."""
+    """Return one sentence for each premise of the instruction that the scene violates at reset."""
     problems: list[str] = []
     info = state.info
     for name, slot in condition.layout.items():

@@ -16,9 +16,10 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects that must not be touched in a refusal, as the instruction does not name them.
+    """Return the indices of the objects that must not be touched in a refusal.
 
-    Drawers and targets may be touched, because the policy may put away those requested objects that exist.
+    They are the objects that the instruction does not name. Drawers and targets may be touched, because the policy may
+    put away the requested objects that exist.
     """
     return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
 
@@ -26,8 +27,8 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
     """Return the forbidden object that a grasp attempt is at, or None.
 
-    The object may have been touched or missed. It may also have been moved away earlier from the slot at which the
-    attempt is made.
+    The object may have been touched or missed. It may also have been moved away earlier from the slot where the attempt
+    is made.
     """
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
@@ -38,7 +39,7 @@ def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int,
 def hovered_over(
     info: SceneInfo, tool: Floats, positions: Floats, quaternions: Floats, forbidden: tuple[int, ...]
 ) -> int | None:
-    """Return the nearest forbidden object on which the gripper could close, or None if none is within reach.
+    """Return the nearest forbidden object that the gripper could close on, or None if none is within reach.
 
     Args:
         info: The scene.
@@ -125,8 +126,8 @@ class Restraint:
             asked: Indices of the objects that may be taken in a refusal.
             rate_hz: Control rate.
             step_limit: Number of control steps after which the episode ends.
-            picked: Slots from which training picks an object. Closing the gripper on nothing in one of these slots is
-                an attempt as well.
+            picked: Slots where training picks up an object. Closing the gripper on nothing in one of these slots is an
+                attempt as well.
         """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
@@ -190,7 +191,7 @@ class Restraint:
         """Return whether the whole motion has to be checked now. Checking it at every control step would take too long.
 
         The motion is checked at the last step, when the gripper has finished closing (including chatter), and after the
-        time in which an attempt is resolved. It is also checked at regular intervals while the gripper stays near an
+        time it takes to resolve an attempt. It is also checked at regular intervals while the gripper stays near an
         object.
         """
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time

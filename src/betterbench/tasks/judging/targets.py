@@ -1,4 +1,4 @@
-"""Objects at the targets of a condition, both those that were requested and those that were not (intruders)."""
+"""Objects at the targets of a condition, both requested objects and others (intruders)."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ It is one region, the names of several if regions overlap, or None.
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Subgoal of a condition, in which the objects are given by their names in the scene.
+    """Subgoal of a condition, with the names of its objects in the scene.
 
     Attributes:
         relation: Name of the relation.
         target: Name of the target.
         region: Region of the target.
-        candidates: Names of the objects to which the subgoal may refer.
+        candidates: Names of the objects that the subgoal may refer to.
         count: How many of these objects must be at the target.
     """
 
@@ -44,7 +44,7 @@ def asked_by(condition: Condition) -> tuple[Asked, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """Target that is watched, with a relation, the objects whose region is tracked, and its regions by name."""
+    """Watched target, with its relation, the objects that are tracked at it, and its regions by name."""
 
     relation: Relation
     target: str
@@ -69,7 +69,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Object at a target at which it was not requested, or at which there are more objects than requested."""
+    """Object at a target where it was not requested, or where there are more objects than requested."""
 
     object: str
     target: str
@@ -85,7 +85,8 @@ class Targets:
         Args:
             asked: Subgoals of the condition.
             info: The scene.
-            placing: Name of the relation by which objects count as intruders if they were not requested at a target.
+            placing: Name of the relation for which intruders are detected, i.e. objects at a target where they were not
+                requested.
         """
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
@@ -93,11 +94,11 @@ class Targets:
         self._allowed = self._what_is_allowed()
 
     def places(self, state: WorldState) -> Places:
-        """Return the region in which each tracked object is, or None for an object that is not in the right posture."""
+        """Return the region that contains each tracked object, or None for an object in a wrong posture."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:
-        """Return whether each predicate holds. The order is by target, then by object, then by region."""
+        """Return whether each predicate holds. The results are sorted by target, then by object, then by region."""
         return tuple(
             is_at(place, region)
             for watch, there in zip(self.watches, places, strict=True)
@@ -106,14 +107,14 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region in which each tracked object is, whatever its posture.
+        """Return the region that contains each tracked object, whatever its posture.
 
-        For a wide relation such as "beside", an object may be in the region without having been brought there. In this
-        case, it only counts if it passes the relation's looser check, whose region is smaller.
+        For a wide relation such as "beside", an object may be in the region without having been brought there. For such
+        a relation, a looser check with a smaller region is used instead.
 
         Args:
             state: The state.
-            strictly: Region in which each tracked object is in the right posture.
+            strictly: Region that contains each tracked object in the right posture.
         """
         return tuple(
             tuple(
@@ -130,8 +131,8 @@ class Targets:
 
         Args:
             state: The state.
-            strictly: Region in which each tracked object is in the right posture.
-            at_start: Region in which each tracked object was at the start, in any posture.
+            strictly: Region that contains each tracked object in the right posture.
+            at_start: Region that contained each tracked object at the start, in any posture.
         """
         served = self._served(strictly)
         for w, places in enumerate(self.in_any_posture(state, strictly)):
@@ -156,7 +157,7 @@ class Targets:
         return None
 
     def left_over(self, strictly: Places) -> tuple[str, ...]:
-        """Return the surplus objects, which are of a requested kind but are no longer needed.
+        """Return the surplus objects. They are of a requested kind but are no longer needed.
 
         For example, if one burger was requested and one is at the target, the second burger is surplus.
         """
@@ -168,7 +169,7 @@ class Targets:
         return tuple(found)
 
     def _served(self, strictly: Places) -> frozenset[str]:
-        """Return the objects that are in a region in which they were requested."""
+        """Return the objects that are in a region where they were requested."""
         at = ((d, s) for d in self.due for s in d.candidates if is_at(strictly[d.watch][s], d.region))
         return frozenset(self.watches[d.watch].subjects[s] for d, s in at)
 

@@ -1,4 +1,4 @@
-"""Names to import in the file of a new relation. See docs/adding-a-relation.md."""
+"""Names that the file of a new relation can import. See docs/adding-a-relation.md."""
 
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import held_upon, reaches_into, rests_on

@@ -1,4 +1,4 @@
-"""Relation "beside": an object is at a certain side of another object, called the anchor."""
+"""Relation "beside": an object is on a certain side of another object, called the anchor."""
 
 import functools
 import math
@@ -158,7 +158,7 @@ _RIGHT_TOO = f"right{SHARED}upper_right"
 
 
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at which an object is, or None if it is at no side.
+    """Return on which side of an anchor an object is, or None if it is on no side.
 
     The center of the object's foot is on the table next to the anchor, up to 30 cm from the anchor's edge, or up to 7.5
     cm from the edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers
@@ -196,9 +196,9 @@ def is_cutlery(kind: str, category: str) -> bool:
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor at which a point is. The point is given in the anchor's frame [m].
+    """Return on which side of an anchor a point is. The point is given in the anchor's frame [m].
 
-    The result names both sides if two overlap, and is None if the point is at no side.
+    The result names both sides if two overlap, and is None if the point is on no side.
     """
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
@@ -234,7 +234,7 @@ def _is_round(anchor: ObjectInfo) -> bool:
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at which an object is, in any posture, on the table or on other objects.
+    """Return on which side of an anchor an object is, in any posture, on the table or on other objects.
 
     The foot or the center of the object is over the region of that side. The region is far smaller than the side
     itself. An object over the region was therefore brought there. An object that is still held above the table does not
@@ -246,7 +246,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side of the anchor whose region lies below a point, or None if there is no such region."""
+    """Return the side of the anchor with a region below a point, or None if there is no such region."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:

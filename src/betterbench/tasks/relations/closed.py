@@ -1,4 +1,4 @@
-"""Relation "closed", which applies to drawers, and the drawers that must be moved before another drawer is loaded."""
+"""Relation "closed" for drawers, and the drawers that must be moved before another drawer is loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState
@@ -35,7 +35,7 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the mount of the cabinet in which a drawer is closed, or None if the drawer is open.
+    """Return the mount that holds a closed drawer in its cabinet, or None if the drawer is open.
 
     A drawer is closed if it is pushed into the cabinet to within 5 mm of its closed position.
     """

@@ -27,7 +27,7 @@ TILT = threshold(
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the name of the hole in which an object stands upright, or None.
+    """Return the name of the hole where an object stands upright, or None.
 
     The base of the object must be on the floor of the hole, as close to the center of the hole as the clearance allows.
     An object that leans on the rim or rests on the rack is not in a hole.
@@ -46,7 +46,7 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in or over which an object is, in any posture, such as jammed, lying on the rack, or half out.
+    """Return the hole that an object is in or over, in any posture, such as jammed, lying on the rack, or half out.
 
     An object that only leans against the rack with its foot on the table does not count.
     """

@@ -35,8 +35,8 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
     The center of the object's bounding box must be inside the container's inner box, i.e. between the walls, above the
     floor and below the rim. An object that leans over the rim with most of its volume outside is not inside. An object
-    that sticks out at the top is inside if its center is below the rim. Any posture counts, except that an object that
-    must stay upright, such as a drink, must not lie on its side. An object that stands on the table is not inside.
+    that sticks out at the top is inside if its center is below the rim. Any posture is allowed, except that an object
+    that must stay upright, such as a drink, must not lie on its side. An object that stands on the table is not inside.
     """
     thing, region = state.info.object(name), state.info.object(container).region("inside")
     if thing.keeps_upright and lies_on_side(state, name):

@@ -44,7 +44,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     Every layer from the base up to the object must lie flat on the layer below, touch it, and be centered over the
     base. A patty, a slice or a leaf may lie with either side up, but a bun may not. The base must be upright.
 
-    The number is returned as text. Layer "1" lies directly on the base.
+    The number is returned as a string. Layer "1" lies directly on the base.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:
@@ -77,7 +77,7 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
     Return None if the object is tilted or off center.
     """
     info, middle = state.info.object(name), state.position(base)
-    # Distant objects are sorted out early: `reach` bounds the distance between the origin of an object and the centers
+    # Distant objects are ruled out early: `reach` bounds the distance between the origin of an object and the centers
     # of its faces.
     reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
     if horizontal_distance(state.position(name), middle) > OFFSET + reach:
@@ -90,7 +90,7 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Return whether an object with two equal sides lies upside down, as seen from the axes of its asset."""
+    """Return whether an object with two equal sides lies upside down, according to the axes of its asset."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 
@@ -102,7 +102,7 @@ def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
 
 
 def _top(info: ObjectInfo) -> Vector:
-    """Return the center of the face on which the next layer of the stack rests, in the object's frame [m]."""
+    """Return the center of the face that carries the next layer of the stack, in the object's frame [m]."""
     for region in info.regions:  # this loop takes a third of the time of next(), and it runs at every control step
         if region.name == "top":
             return region.position

@@ -1,7 +1,7 @@
-"""Loose variants of relations, which hold for any posture of an object: leaning, jammed, upside down or held.
+"""Loose variants of relations. They hold for any posture of an object: leaning, jammed, upside down or held.
 
 A strict relation requires the posture that the instruction asks for. An object in another posture may still be at the
-target. The rule "no other object is at the target" therefore uses loose variants of the relations, which are built from
+target. The rule "no other object is at the target" therefore uses loose variants of the relations. They are built from
 these functions.
 """
 
@@ -23,7 +23,7 @@ OVERLAP = threshold(
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
-"""Difference between the lowest points of two objects from which one counts as above the other [m]."""
+"""An object is above another one if its lowest point is higher by at least this distance [m]."""
 _ROUNDING_M = 1e-9
 """Margin that is larger than the rounding error of a distance [m]."""
 

@@ -1,4 +1,4 @@
-"""Placement of objects: where the base of an object is, and in which poses objects are released."""
+"""Placement of objects: where the base of an object is, and the poses for releasing objects."""
 
 import functools
 import math
@@ -15,7 +15,7 @@ SLIM_M, SLIM_OPENING_M = 0.05, 0.022
 
 
 def foot_offset(info: ObjectInfo) -> Vector:
-    """Return the point on which an object stands, in the object's frame [m].
+    """Return the point that an object stands on, in the object's frame [m].
 
     This is the center of the region "base" if there is one, otherwise the center of the bounding box's bottom.
     """
@@ -26,7 +26,7 @@ def foot_offset(info: ObjectInfo) -> Vector:
 
 
 def foot(state: WorldState, name: str) -> Vector:
-    """Return the point on which an object stands, in the world frame [m]."""
+    """Return the point that an object stands on, in the world frame [m]."""
     return state.pose(name).apply(foot_offset(state.info.object(name)))
 
 
@@ -55,7 +55,7 @@ def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned:
 
 
 def slim_opening_m(info: ObjectInfo) -> float | None:
-    """Return the gripper opening for releasing a slim object among others [m], or None for the full opening."""
+    """Return the gripper opening for releasing a slim object between others [m], or None for the full opening."""
     least = min(info.size_m[0], info.size_m[1])
     return least + SLIM_OPENING_M if least < SLIM_M else None
 
@@ -83,6 +83,6 @@ def standing_goals(
 
 
 def turned_by(state: WorldState, name: str, turns: Iterable[float]) -> list[float]:
-    """Return the headings of an object that result if the gripper turns by small angles [rad]."""
+    """Return the headings that an object has after small rotations of the gripper [rad]."""
     now = yaw_of(state.pose(name).quaternion)
     return [now + turn for turn in turns]

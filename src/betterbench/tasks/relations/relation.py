@@ -11,7 +11,7 @@ from betterbench.tasks.relations.rest import on_floor
 
 @dataclass(frozen=True, slots=True)
 class PlaceGoal:
-    """Pose at which an object is released, with the direction of the approach.
+    """Pose of an object when it is released, with the direction of the approach.
 
     Attributes:
         pose: Pose ``T_world_object`` at the release.
@@ -59,10 +59,10 @@ class Relation:
         loosely: Like ``where``, but for an object in any posture, such as leaning, jammed, on its side, half in, on top
             or held there. It is called when ``where`` has returned None, to check that the object is really not at the
             target. It is None if ``where`` already covers every posture.
-        tolerances: Names of the thresholds that ``where`` uses, except for those of rest and posture.
-        goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
+        tolerances: Names of the thresholds that ``where`` uses, except for the thresholds of rest and posture.
+        goals: ``goals(state, object, target, region)`` returns the poses where a held object satisfies the relation,
             best first. It is None if the object is not carried, because it slides in its mount.
-        surface: ``surface(regions, region)`` returns the center of the surface on which objects rest, in the frame of
+        surface: ``surface(regions, region)`` returns the center of the surface that objects rest on, in the frame of
             the object that has these regions [m]. It is None if objects cannot start at the target.
         roles: Roles of the objects that can have this relation to a target.
         counted: Whether the region depends on the objects that are already at the target, as for the layers of a stack.
@@ -97,12 +97,12 @@ class Relation:
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region in which an object is, whatever its posture, or None."""
+        """Return the target region that contains an object, whatever its posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region to which an object was wrongly brought, whatever its posture, or None."""
+        """Return the target region that an object was wrongly brought to, whatever its posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -123,7 +123,7 @@ class Relation:
         return self.surface({r.name: r for r in target.regions}, region)
 
     def place_goals(self, state: WorldState, name: str, target: str, region: str) -> tuple[PlaceGoal, ...]:
-        """Return the poses at which an object satisfies the relation, best first.
+        """Return the poses where an object satisfies the relation, best first.
 
         Raises:
             PlanningError: If the relation is not established by carrying the object.
@@ -195,7 +195,7 @@ def offers(*names: str) -> Regions:
 
 
 def offers_each(*names: str) -> Regions:
-    """Return the ``regions`` function of a relation for which each of the named asset regions is a target region."""
+    """Return the ``regions`` function of a relation. Each of the named asset regions is a target region."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return tuple(r.name for r in info.regions if r.name in names)

@@ -1,4 +1,4 @@
-"""Tests for whether objects are at rest, whether the arm is at rest, and whether objects are upright."""
+"""Tests of whether objects are at rest, whether the arm is at rest, and whether objects are upright."""
 
 from collections import deque
 
@@ -8,7 +8,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class RestWatch:
-    """Detector of objects at rest, i.e. of objects whose position and posture have not changed for a short time.
+    """Detector of objects at rest, i.e. objects that have not moved or rotated for a short time.
 
     Displacement is used instead of speed, because in contact, a resting object can tremble at 1 rad/s without moving by
     a tenth of a millimeter. The detector must be given every state in order, starting at reset. At reset, all objects
@@ -57,7 +57,7 @@ def upright(state: WorldState, name: str) -> bool:
 
 
 def lies_on_side(state: WorldState, name: str) -> bool:
-    """Return whether an object is tilted so far from the upright posture of its asset that it was knocked over."""
+    """Return whether an object is tilted so far from its upright posture that it counts as knocked over."""
     return tilt_of(state.quaternion(name)) > THRESHOLDS.knocked_tilt
 
 

@@ -1,4 +1,4 @@
-"""Assembling a cheeseburger: layers go onto the bottom bun in the order in which they are named."""
+"""Assembling a cheeseburger: layers go onto the bottom bun in the named order."""
 
 from betterbench.tasks import authoring as a
 

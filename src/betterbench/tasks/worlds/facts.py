@@ -1,4 +1,4 @@
-"""Registry of facts about worlds, which make it possible to read a run without the simulator of its world.
+"""Registry of facts about worlds. With these facts, a run can be read without the simulator of its world.
 
 The worlds that run trials are in :mod:`betterbench.sim.worlds`. Registering a world there registers its facts here.
 """
@@ -19,7 +19,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""Way in which the diagnosis evaluates the records of a world.
+"""How the diagnosis evaluates the records of a world.
 
 - "conditions": with the conditions of betterbench's own tasks.
 - "goals": with the goals and starts in LIBERO's files.
@@ -35,7 +35,7 @@ class Suite:
 
     Attributes:
         name: Name on the command line ("libero_spatial_swap").
-        base: Name of the suite whose tasks are changed, or ``name`` for a suite without changes.
+        base: Name of the suite that is changed, or ``name`` for a suite without changes.
         change: Name of the change ("swap"), or None for a suite without changes.
         tasks: Number of tasks.
         summary: Description in one phrase.
@@ -57,7 +57,7 @@ class WorldFacts:
         name: Name in plans and on the command line ("libero").
         title: Name in messages ("LIBERO").
         suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
-        reading: Way in which the diagnosis evaluates the records.
+        reading: How the diagnosis evaluates the records.
         measured: Whether the tasks are covered by certificates, the power matrix, calibrations and demonstrations, and
             a stored plan can be run again.
         statements: Statements that a report makes about the scenes and about the accuracy of the labels, by heading.
@@ -131,7 +131,7 @@ def _import_built_in() -> None:
 
 
 def facts_of_suite(suite: str) -> WorldFacts | None:
-    """Return the facts about the world to which a suite belongs, or None if no known world has this suite.
+    """Return the facts about the world of a suite, or None if no known world has this suite.
 
     The path of a suite folder belongs to betterbench's own world.
     """
@@ -141,7 +141,7 @@ def facts_of_suite(suite: str) -> WorldFacts | None:
 
 
 def facts_of_task(task: str) -> WorldFacts:
-    """Return the facts about the world to which a task ("libero_object-03") belongs.
+    """Return the facts about the world of a task ("libero_object-03").
 
     If no other world has such a task, this is betterbench's own world.
     """

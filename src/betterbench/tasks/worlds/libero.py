@@ -1,4 +1,4 @@
-"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: their suites, and the protocols with which existing work evaluates them.
+"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: suites, and the protocols that existing projects use to evaluate them.
 
 Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example. For
 settings that the last example does not document, openpi's values are used.

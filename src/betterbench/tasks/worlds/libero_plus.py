@@ -1,6 +1,6 @@
 """LIBERO-Plus as data: its suites, its seven axes, and the meaning of the names of its variants.
 
-LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites, one at a time, which gives 10,030
+LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites, one at a time. This results in 10,030
 variants. The end of a variant's name states the change. When LIBERO-Plus loads a scene, it reads the camera pose, the
 robot pose and the noise from this name. Like :mod:`betterbench.jobs.frames`, this module can also be imported in an
 environment without betterbench.

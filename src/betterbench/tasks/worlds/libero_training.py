@@ -1,7 +1,7 @@
 """Regularities in the training tasks of a LIBERO suite, such as the object positions that go with each word.
 
-They are read from the task files of the base suite, on which policies are trained. The initial states of a task vary by
-a few centimeters around the positions in the task's file.
+They are read from the task files of the base suite, because policies are trained on this suite. The initial states of a
+task vary by a few centimeters around the positions in the task's file.
 """
 
 from __future__ import annotations
@@ -46,7 +46,10 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words of an instruction that identify the object to pick. Without such words, return its kind."""
+    """Return the words of an instruction that identify the object to pick.
+
+    If there are no such words, return the kind of the object.
+    """
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 

@@ -1,4 +1,4 @@
-"""Balanced conditions of the cheeseburger: every layer is in every slot, and the top bun ends on one or two layers."""
+"""Balanced conditions of the cheeseburger: every layer is in every slot, with one or two layers below the top bun."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition

@@ -1,8 +1,8 @@
-"""Balanced conditions of the dinner plates: the red and blue plates are in every slot, with both white-plate positions.
+"""Balanced conditions of the dinner plates: red and blue plates in every slot, and both positions of the white plate.
 
 When the white plate is at its right position, there is no room for other plates to the right of it. This position
-therefore occurs only with the slots on the left. If a scene would equal that of a test, the plate that the instruction
-does not name is left out.
+therefore occurs only with the slots on the left. If a scene would be the same as in a test, the plate that the
+instruction does not name is left out.
 """
 
 from dataclasses import replace
@@ -34,7 +34,7 @@ MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_
 
 
 def balanced_dinner_plates() -> list[Condition]:
-    """Return conditions for each instruction, with each slot of the named plate and both white-plate positions."""
+    """Return conditions for each instruction, every slot of the named plate and both positions of the white plate."""
     right = {WHITE: STAND_RIGHT}
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
     found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]
@@ -48,7 +48,7 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return two conditions in which the target is a stack of two plates.
+    """Return two conditions with a stack of two plates as the target.
 
     The two instructions are worded differently.
     """

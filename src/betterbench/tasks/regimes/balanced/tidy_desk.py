@@ -1,4 +1,4 @@
-"""Balanced conditions of the tidy desk: all trash is in all slots for trash, and the valuables exchange their slots."""
+"""Balanced conditions of the tidy desk: every piece of trash in every trash slot, and valuables in exchanged slots."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition

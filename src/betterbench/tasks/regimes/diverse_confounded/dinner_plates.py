@@ -31,9 +31,9 @@ PLACES = {RED.name: (LEFT_BACK.name, RIGHT_BACK.name), BLUE.name: (LEFT_FRONT.na
 
 
 def diverse_dinner_plates() -> list[Condition]:
-    """Return the balanced conditions with plates in their trained slots, and further conditions of the same kind.
+    """Return the balanced conditions with plates in their trained slots, and additional conditions of the same kind.
 
-    With the further conditions, each instruction is as frequent as in the balanced regime.
+    With the additional conditions, each instruction is as frequent as in the balanced regime.
     """
     found = [c for c in balanced_dinner_plates() if _is_tied(c)]
     apart = {RED: LEFT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_RIGHT}

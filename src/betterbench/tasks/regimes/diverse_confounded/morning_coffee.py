@@ -18,7 +18,7 @@ TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name
 
 
 def diverse_morning_coffee() -> list[Condition]:
-    """Return the balanced conditions in which words are tied to slots, and four more conditions for each color.
+    """Return the balanced conditions that tie each color to a slot, and four more conditions for each color.
 
     The additional conditions have cans in the other slots.
     """

@@ -46,7 +46,7 @@ class PlayTable:
         robot: Index of the robot's body.
         touched: Indices of the bodies that the robot touches.
         blocks: The blocks, by CALVIN's names ("block_red").
-        table: Links of the table by name, in the form in which contacts refer to them.
+        table: Links of the table by name, in the same form as in the contacts.
         doors: Joint positions [m] by name ("base__drawer").
         lights: State of each light (0 or 1) by name ("led").
     """
@@ -97,7 +97,7 @@ def _block(found: Mapping[str, Any]) -> BlockInfo:
 
 
 def _number(value: float | Sequence[float]) -> float:
-    """Return a joint position, which is given as a number or as the first element of a sequence."""
+    """Convert a joint position to a float. It is given as a number or as the first element of a sequence."""
     return finite_number(value[0] if isinstance(value, Sequence) else value)
 
 
@@ -105,7 +105,7 @@ def finite_number(value: Any) -> float:  # noqa: ANN401 - of a stranger
     """Return a Python or NumPy number as a float.
 
     Raises:
-        ValueError: If the value is a text, a boolean or not finite.
+        ValueError: If the value is a string, a boolean or not finite.
     """
     number = float("nan") if isinstance(value, bool | str | bytes) else float(value)
     if not math.isfinite(number):

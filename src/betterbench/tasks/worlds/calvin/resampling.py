@@ -37,7 +37,7 @@ def resampled_start_of(chain: Chain) -> ChainStart:
     """Return the start of a chain with the blocks at newly drawn positions on their surfaces and with random yaws.
 
     Robot, drawer, slider and lights are in the same state as in
-    :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every chain has its own draw, which depends only on the
+    :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every chain has its own draw. The draw depends only on the
     number of the chain. Blocks on the same surface are drawn again until they are far enough apart. (In CALVIN's data
     collection, they were drawn again until they did not touch.)
     """

@@ -106,8 +106,8 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
     """Summarize the results of a run on CALVIN chains.
 
     Raises:
-        InvalidInputError: If there is no chain, if a chain occurs twice, or if a result contains other subtasks than
-            its chain.
+        InvalidInputError: If there is no chain, if a chain occurs twice, or if a result contains subtasks other than
+            those of its chain.
     """
     _check(results)
     n = len(results)
@@ -153,7 +153,7 @@ def _check(results: Sequence[ChainResult]) -> None:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
             problem = "occurs twice" if result.number in seen else (f"is not one of the {len(every)} chains")
-            raise InvalidInputError(where, problem, "List each chain once, by its index, which starts at 0")
+            raise InvalidInputError(where, problem, "List each chain once, by its index (starting at 0)")
         seen.add(result.number)
         if not result.played:
             continue
@@ -174,7 +174,7 @@ def _check(results: Sequence[ChainResult]) -> None:
 def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
     """Return the average length with its interval.
 
-    If all chains are equally long, Wilson's interval for n of n is used.
+    If all chains have the same length, Wilson's interval for n out of n is used.
     """
     empty = [ChainResult(result.number, ()) for result in results]
     found = _difference(list(zip(results, empty, strict=True)))

@@ -1,4 +1,4 @@
-"""Rollout of a CALVIN chain: five instructions in a row, until one of them fails."""
+"""Rollout of a CALVIN chain: up to five instructions one after the other, until one of them fails."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ShownT_contra = TypeVar("ShownT_contra", contravariant=True)
 
 
 class ChainWorld(Protocol[SeenT_co]):
-    """Interface of a simulator in which chains are run."""
+    """Interface of a simulator that runs chains."""
 
     def reset(self, start: ChainStart) -> SeenT_co:
         """Reset the robot and the scene, and return the observation."""

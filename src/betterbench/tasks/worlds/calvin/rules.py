@@ -1,4 +1,4 @@
-"""Success rules of CALVIN's subtasks, which compare the scene with the scene at the beginning of the subtask.
+"""Success rules of CALVIN's subtasks. They compare the scene with the scene at the beginning of the subtask.
 
 The rules are taken from ``calvin_env/envs/tasks.py`` in calvin_env@797142c. In earlier versions of that file, the rules
 differ: a lifted block must not have touched the robot at the beginning, and a pushed block must keep exactly the same
@@ -116,6 +116,6 @@ def _on(block: BlockInfo, scene: PlayTable) -> bool:
 
 
 def _stacked(block: BlockInfo, scene: PlayTable) -> bool:
-    """Return whether a block is at rest and touches nothing but other blocks."""
+    """Return whether a block is at rest and touches only other blocks."""
     bodies = {other.body for other in scene.blocks.values()}
     return _on(block, scene) and block.bodies <= bodies and all(abs(part) < REST for part in block.velocity)

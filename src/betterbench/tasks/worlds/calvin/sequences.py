@@ -73,14 +73,14 @@ def start_states() -> tuple[SymbolicState, ...]:
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
     """Draw the subtasks of chains from one start as CALVIN does.
 
-    Five different subtasks are drawn. This is repeated until they can be done in the order in which they were drawn.
-    CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``. This returns the beginning of a
-    permutation by NumPy's legacy generator, whose stream does not change between versions.
+    Five different subtasks are drawn. This is repeated until they can be done in the order of the draw. CALVIN draws
+    with ``numpy.random.choice(34 names, size=5, replace=False)``. This returns the beginning of a permutation by
+    NumPy's legacy generator, which produces the same stream in all versions.
 
     Args:
         start: Symbolic start.
         count: Number of chains.
-        seed: Index of the start among the 192 starts, which CALVIN uses as the seed.
+        seed: Index of the start among the 192 starts. CALVIN uses this index as the seed.
     """
     generator = np.random.RandomState(seed)
     every = subtasks()
@@ -147,7 +147,7 @@ def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """Return the first ``count`` of the 1,000 chains.
 
     CALVIN's own ``get_sequences(100)`` draws a hundred different chains. Results on those chains cannot be compared
-    with results on the thousand.
+    with results on the 1,000 chains.
 
     Raises:
         InvalidInputError: If ``count`` is out of range.

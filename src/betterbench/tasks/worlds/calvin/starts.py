@@ -1,4 +1,4 @@
-"""Start states of CALVIN's chains: the simulator's vectors for robot and scene that belong to a symbolic state."""
+"""Start states of CALVIN's chains: simulator vectors for the robot and the scene of each symbolic state."""
 
 from __future__ import annotations
 

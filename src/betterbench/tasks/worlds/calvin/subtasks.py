@@ -145,7 +145,7 @@ class Subtask:
 
     Attributes:
         name: CALVIN's name ("open_drawer").
-        instruction: Instruction used in the evaluation, which is the first in ``new_playtable_validation.yaml``.
+        instruction: Instruction used in the evaluation. It is the first one in ``new_playtable_validation.yaml``.
         category: Category of the subtask. A chain never has two subtasks of the same category.
         rule: Success rule.
         changes: Possible changes of the state. A chain contains only subtasks with exactly one possible change.
@@ -158,7 +158,7 @@ class Subtask:
     changes: list[Change]
 
     def after(self, state: SymbolicState) -> SymbolicState | None:
-        """Return the state after this subtask, or None if no change is possible or several are possible."""
+        """Return the state after this subtask, or None unless exactly one change is possible."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
 
