@@ -1,7 +1,7 @@
 """Exceptions whose messages are written for users. Each message states the problem and how to solve it.
 
-Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its text as one line
-and exits with status 2. Any other exception is a bug and keeps its traceback.
+Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its message as one line
+and exits with status 2. Any other exception is a bug and is shown with its traceback.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Tab and line feed are not included.
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return external text with limited length and without characters that could control a terminal.
+    """Shorten external text if it is too long, and replace characters that could control a terminal.
 
     Line breaks are kept.
 
@@ -56,7 +56,7 @@ def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return the text in a form that can be encoded, with characters such as lone surrogates escaped."""
+    """Escape characters that cannot be encoded, such as lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -79,7 +79,7 @@ _OURS = str(Path(__file__).resolve().parent)
 def raised_at(problem: BaseException) -> str:
     """Return the location in user code at which an exception was raised, such as "my_policy.py, line 12, in act".
 
-    Return an empty string if the exception was raised without user code.
+    Return an empty string if the traceback contains no user code.
 
     The location is the innermost frame outside betterbench, the standard library and installed packages. Only the name
     of the file is given, so that records do not depend on the folder in which the code is stored.
@@ -96,7 +96,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Describe an exception from user code in one line: type, text and location."""
+    """Describe an exception from user code in one line: its type, its message and its location."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -120,7 +120,8 @@ class UnknownNameError(BetterError):
         """Build the message, which suggests the most similar names first.
 
         The first argument may be another UnknownNameError, which is then copied. Gymnasium's vector environments need
-        this: they raise an error of a worker again by passing it to its own class.
+        this: to re-raise a worker's exception, they call the exception class with the original exception as its
+        argument.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -239,11 +240,11 @@ class HandshakeError(BetterError):
 
 
 class PremiseError(BetterError):
-    """At reset, the scene contradicts what the task takes for granted about its start. The run must stop."""
+    """After the reset, the scene violates an assumption of the task about its initial state. The run must stop."""
 
 
 class RunConflictError(BetterError):
-    """A folder contains a different run than the requested one, or files that do not belong to a run."""
+    """A folder contains a run other than the requested one, or files that do not belong to a run."""
 
 
 class RecordError(BetterError):
@@ -259,7 +260,7 @@ class WorkerError(BetterError):
 
 
 class TrainingError(BetterError):
-    """Training cannot continue because the loss is not finite. The states that were saved before are kept."""
+    """Training cannot continue because the loss is not finite. Training states that were already saved are kept."""
 
 
 class MissingDependencyError(BetterError):

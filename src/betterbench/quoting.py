@@ -27,7 +27,7 @@ times.
 
 # -------------------------------------------------------------------------------------------------------------- shell
 class ShellText(str):
-    """Shell source that betterbench's own code has written, such as ``"$HERE/train.py"``. It is not quoted.
+    """Shell code written by betterbench itself, such as ``"$HERE/train.py"``. It is not quoted.
 
     Text from a file or a user must never become a ShellText. If a ShellText is concatenated with another string, the
     result is an ordinary string, which is quoted.
@@ -120,7 +120,7 @@ def json_text(
     allow_nan: bool = True,
     ascii_only: bool = False,
 ) -> str:
-    """Return JSON for a terminal or for a file that people open. The options are passed to ``json.dumps``.
+    """Return JSON that people read in a terminal or in a file. The options are passed to ``json.dumps``.
 
     Letters stay readable. Characters that cannot be printed or encoded are escaped as in :func:`escaped_json`.
     """

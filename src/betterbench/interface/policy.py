@@ -93,7 +93,7 @@ def episode_number(seed: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """Description that a policy gives of itself. It is stored with the run.
+    """Information that a policy provides about itself. It is stored with the run.
 
     Attributes:
         name: Address under which the policy was requested, such as "expert".

@@ -20,7 +20,7 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
         path: Folder of the job.
         what: Kind of job for the message, such as "run".
         file: Name of the file that describes a job. A folder that contains this file is not checked.
-        besides: Names of files that a job may leave behind if it fails to start. They are accepted.
+        besides: Names of files that are accepted, because a job may leave them behind if it fails to start.
     """
     if path.exists() and not path.is_dir():
         raise RunConflictError(f"{path}: this is a file. Choose a folder for the {what}.")
@@ -52,7 +52,7 @@ def require_same(
         what: Kind of job for the message, such as "run".
         where: Name of the description for the message, such as "plan".
         cure: Remedy that lets the user resume the job.
-        cures: Remedies that replace ``cure``, by the first field of the description that differs.
+        cures: Remedies to use instead of ``cure``, keyed by the first field of the description that differs.
     """
     difference = first_difference(there, asked, where)
     if difference is not None:
@@ -65,7 +65,7 @@ def require_same(
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Compare two JSON values. Return the path of their first difference, and both values at that path as text.
+    """Compare two JSON values. Return the path of the first difference, and both values at that path as strings.
 
     Return None if the two JSON values are equal. Keys are compared in sorted order.
     """

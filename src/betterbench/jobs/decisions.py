@@ -1,8 +1,8 @@
 """Journals of the decisions that people make in a review: changes, verdicts, and undos of earlier decisions.
 
-A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The decisions about a subject
-all contain its content hash, and together they form its history. Each package whose subjects are reviewed defines the
-possible changes.
+A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). Each decision contains the
+content hash of its subject. All decisions about a subject together form its history. Each package that uses this module
+defines which changes are possible.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict of a person: accept an item unchanged, accept it after fixing it, or reject it with a reason."""
+    """Verdict of a reviewer: accept an item unchanged, accept it after fixing it, or reject it for a stated reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -62,7 +62,7 @@ class DecisionLine(Protocol):
 
     @property
     def author(self) -> str:
-        """Name of the person who decided."""
+        """Name of the person who made the decision."""
 
     @property
     def time(self) -> str:
@@ -81,7 +81,7 @@ class DecisionLine(Protocol):
         """Name of the subject, for display."""
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why this decision cannot follow the given number of changes, or "" if it can."""
+        """Return why this decision is not allowed after the given number of changes, or "" if it is allowed."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)
@@ -89,7 +89,7 @@ LineT = TypeVar("LineT", bound=DecisionLine)
 
 @dataclass(frozen=True, slots=True)
 class History(Generic[LineT]):
-    """Active decisions about one subject.
+    """Decisions about one subject, without those that were undone.
 
     Attributes:
         reviews: Decisions that were not undone, with their line numbers.
@@ -99,7 +99,7 @@ class History(Generic[LineT]):
 
     @property
     def changes(self) -> tuple[Any, ...]:
-        """The changes among the active decisions, in order."""
+        """All changes that were not undone, in order."""
         return tuple(r.decision for _, r in self.reviews if not isinstance(r.decision, Verdict | Undo))
 
     @property
@@ -117,8 +117,8 @@ class History(Generic[LineT]):
         """Return the history after one more decision.
 
         Raises:
-            RecordError: If an undo does not refer to the last active decision, or if a verdict does not match the
-                changes.
+            RecordError: If an undo does not refer to the last active decision, or if a verdict is not allowed after the
+                changes made so far.
         """
         decision = review.decision
         if isinstance(decision, Undo):
@@ -160,7 +160,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
     """Validator of a line."""
 
     def __init__(self, path: Path) -> None:
-        """Open the journal, or create it if the file does not exist."""
+        """Open the journal. Create the file if it does not exist."""
         self._where, self._link, self._reviews = str(path), "", list[LineT]()
         self._histories: dict[str, History[LineT]] = {}
         super().__init__(path, alone=True)
@@ -213,7 +213,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
 
 def now() -> str:
-    """Return the current time in the form that decisions use (UTC, ISO 8601)."""
+    """Return the current time in the format of the decisions (UTC, ISO 8601)."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 

@@ -55,8 +55,8 @@ def _pooled(
 ) -> Iterator[FoundT]:
     """Yield the results of one process pool.
 
-    ``pending`` contains the items that the pool is processing. While there are suspects, i.e. items whose worker died,
-    it contains only one of them at a time.
+    ``pending`` contains the items that the pool is processing. Items whose worker died are suspects. As long as there
+    are suspects, only one suspect is processed at a time, and nothing else.
     """
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")

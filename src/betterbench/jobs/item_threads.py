@@ -18,7 +18,7 @@ class Stoppable(Protocol):
     """Resource of a thread, such as a renderer, that can be stopped from another thread."""
 
     def stop(self) -> None:
-        """Make threads that are waiting for the resource fail soon, so that they can end."""
+        """Make threads that are waiting for the resource stop waiting and fail, so that they can end."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):

@@ -41,7 +41,7 @@ _GUARDED: dict[Path, list[FolderClaim | None]] = {}
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder: files may be written into it, but not out of it through symbolic links.
+    """Guard a folder, so that symbolic links in it cannot be used to write outside of it.
 
     The folder stays guarded until :func:`unguard` has been called as often as this function.
     """
@@ -92,7 +92,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Make OSErrors name the file or folder that the user gave, instead of a lock file or a temporary file."""
+    """Make OSErrors name the file or folder given by the user instead of a lock file or temporary file."""
     try:
         yield
     except OSError as error:
@@ -103,7 +103,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing in place, or create it, and return its descriptor.
 
-    Journals and locks are modified in place, so a link in their place would cause a different file to be changed.
+    Journals and locks are modified in place. If there were a link at their path, a different file would be changed.
 
     Raises:
         InvalidInputError: If the path is a symbolic link, is not a regular file, or has a second name (a hard link).

@@ -23,11 +23,11 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces the standard output and the standard error of a process.
 
-    The child process does not inherit the standard error of this process, because it could then truncate that file or
-    change its flags.
+    The child process does not inherit the standard error of this process, because it could truncate the file to which
+    the standard error is redirected, or change the flags of that file.
 
     Attributes:
-        theirs: File descriptor of the end of the pipe that the process gets.
+        theirs: The child process's end of the pipe, as a file descriptor.
     """
 
     def __init__(self) -> None:

@@ -66,7 +66,7 @@ class SkillWindow:
         region: Region of the target, or "" if the target has only one.
         start: First row.
         change: Row after the action that begins to close the gripper, or to open it for a placement.
-        stop: Row after the last row.
+        stop: Row after the last row of the window.
     """
 
     kind: SkillKind
@@ -93,13 +93,13 @@ class SubgoalSegment:
     The segments of a record are contiguous.
 
     Attributes:
-        subgoal: Name of the subgoal that is done at the end of these rows, or "" for rows after the last subgoal.
+        subgoal: Name of the subgoal that is achieved at the end of these rows, or "" for rows after the last subgoal.
         object: Name of the object that was placed or slid.
         target: Name of the target.
         relation: Relation of the subgoal.
         region: Region of the target, or "" if the target has only one.
         start: First row.
-        stop: Row after the last row.
+        stop: Row after the last row of the segment.
         skills: Skill windows within these rows, in order of time. Between two windows, the arm is in transit.
     """
 

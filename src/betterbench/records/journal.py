@@ -1,8 +1,8 @@
 """Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
 
 Each line contains the SHA-256 of its record, the digest of its scene, and a link, which is the SHA-256 of the previous
-link and the line. The links reveal changed, missing and reordered lines. In journals of older versions, the lines lack
-the scene digest, or all three values.
+link and the line. With the links, changed, missing and reordered lines are detected. In journals of older versions, the
+lines lack the scene digest, or all three values.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Mark a finished trial as unfinished, so that it is repeated, because its record cannot be used.
+        """Mark a finished trial as unfinished, so that it is repeated. Call this if its record cannot be used.
 
         This appends a line with the status "error", or does nothing if the trial is not finished. Raises the same
         errors as :meth:`append`.

@@ -1,4 +1,4 @@
-"""Names of runs that are shown together. Each run is given once and gets a unique display name."""
+"""Display names of runs that are shown together. Every run gets a unique name, and no run may be given twice."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
     """Make the display names of runs unique.
 
-    If names are equal, the folder of the run is appended to each. If they are still equal, a number is appended.
+    If several runs have the same name, the folder of the run is appended to each of these names. If they are still
+    equal, a number is appended.
     """
     counts = Counter(names)
     named = [

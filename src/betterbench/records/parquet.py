@@ -257,7 +257,7 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
-    """Raise RecordError if the columns do not match the metadata, or if the file has no rows or is too large."""
+    """Raise RecordError if the columns do not match the metadata, if there are no rows, or if the file is too large."""
     actual = file.schema_arrow
     if not actual.equals(expected):
         names = sorted(set(expected.names) ^ set(actual.names)) or [

@@ -111,12 +111,12 @@ class RunFolder:
         """Create a run, or resume the run in the folder if its plan is the same or contains fewer trials.
 
         The folder is created if it is missing, and ``run.json`` is written first. A resumed run keeps the context of
-        its first start. If the new plan contains more trials, it replaces the stored plan, and the context records the
-        time.
+        its first start. If the new plan contains more trials, it replaces the stored plan, and the time of this change
+        is added to the context.
 
         Raises:
-            RunConflictError: If the folder contains other files or a run with a different plan, or if it is being
-                written to.
+            RunConflictError: If the folder contains other files or a run with a different plan, or if another process
+                is writing to the folder.
             RecordError: If ``run.json`` is corrupt.
             InvalidInputError: If the plan or the context cannot be written as JSON.
         """
@@ -238,7 +238,7 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending. The folder is locked until the journal is closed.
 
-        With ``renews``, the journal stays usable if the folder is removed or moved. In this case, the caller must
+        If ``renews`` is True, the journal stays usable if the folder is removed or moved. In this case, the caller must
         restore the run and repeat the trials whose records are missing.
 
         Raises:
@@ -407,7 +407,7 @@ class RunFolder:
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move a file that cannot be used to ``RUN/set-aside``. Return its new path, or None if there is no file.
+        """Move an unusable file to ``RUN/set-aside``. Return its new path, or None if there is no file.
 
         The file is not deleted, because it may be the only copy that the user has.
         """
@@ -492,14 +492,14 @@ class RunFolder:
         return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
-        """Return a path below the folder. Raises InvalidInputError if the path leads out of the folder."""
+        """Return a path inside the folder. Raises InvalidInputError if the path leads out of the folder."""
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
         return self.inside(*path.relative_to(self.path).parts)
 
     def inside(self, *names: str) -> Path:
-        """Return a path below the folder. Raises InvalidInputError if a link leads out of the folder."""
+        """Return a path inside the folder. Raises InvalidInputError if a link leads out of the folder."""
         path = self.path.joinpath(*names)
         require_inside(path, self.path)
         return path

@@ -2,8 +2,8 @@
 
 The comment of the zip file contains a digest of the scene's name and all its files (:func:`scene_digest`). The digest
 is verified before any file is used, so that MuJoCo never loads a changed model or the archive of a different scene. The
-journal of a run also contains the digest of each trial's scene. It reveals an archive that was replaced together with
-its digest.
+journal of a run also contains the digest of each trial's scene, so an archive that was replaced together with its
+digest is detected too.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
 
 
 def _archive_of_another_run(digest: str) -> bytes | None:
-    """Return an archive that this process wrote earlier for the same scene, or None if it is gone or was changed.
+    """Return the archive that this process wrote earlier for the same scene, or None if it was removed or changed.
 
     This helps when several policies are evaluated on the same scenes: reading an archive takes 1 ms of CPU time,
     whereas creating it takes 34 ms.

@@ -71,8 +71,8 @@ class AgreementTable:
     def kappa(self) -> float | None:
         """Kappa of Cohen (1960): (observed - expected) / (1 - expected).
 
-        It is None if there are no items. It is also None if both raters put every item into the same category, since
-        chance alone then explains the agreement.
+        It is None if there are no items. It is also None if both raters put every item into the same category, because
+        chance alone would then explain the agreement.
         """
         observed, expected = self.observed, self.expected
         if observed is None or expected is None or 1.0 - expected < 1e-12:

@@ -24,7 +24,7 @@ class Difference:
         value: First rate minus second rate, as a fraction. None if one of the rates has no trials.
         low: Lower end of the interval.
         high: Upper end of the interval.
-        method: Method by which the interval was computed.
+        method: Name of the method that was used to compute the interval.
     """
 
     value: float | None

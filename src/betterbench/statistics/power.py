@@ -149,7 +149,7 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest difference of at most ``room`` at which the power is sufficient, or None if there is none.
+    """Return the smallest difference, up to ``room``, at which the power is sufficient, or None if there is none.
 
     Bisection finds it, because the power grows with the difference.
     """

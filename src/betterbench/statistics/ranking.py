@@ -61,7 +61,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the end of the confidence interval on the side of ``end``, which is 0 or 1."""
+    """Return the lower end of the confidence interval if ``end`` is 0, or the upper end if ``end`` is 1."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:

@@ -1,9 +1,9 @@
-"""Sequential allocation of trials, to test with few trials whether variations are solved less often than their twins.
+"""Sequential allocation of trials. It tests with few trials whether variations are solved less often than their twins.
 
 A question is whether one condition (a variation) is solved less often than its twin (a training condition) on the same
 seeds. In each round, all open questions get the same further seeds. After every round, questions with a verdict get no
-more trials. Which trials are run depends only on the outcomes, so replaying the rounds gives the trials that have been
-run and the next ones.
+more trials. Which trials are run depends only on the outcomes, so replaying the rounds shows which trials have been run
+and which come next.
 
 The drop in a question is the twin's rate minus the condition's rate. Two null hypotheses are tested on the pairs by
 :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of

@@ -40,8 +40,8 @@ class ObjectInfo:
         kind: Noun for the object in instructions ("burger"). Objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").
-        shape: Coarse shape ("round", "cylinder", "box"), by which the diagnosis tells whether a wrongly grasped object
-            resembles the requested one.
+        shape: Coarse shape ("round", "cylinder", "box"). The diagnosis uses it to decide whether a wrongly grasped
+            object resembles the requested one.
         role: "item", "distractor", "container" or "fixture".
         size_m: Extents of the bounding box in the object frame [m]. The frame's origin is the center of the bottom
             face.

@@ -25,8 +25,8 @@ class SeenObject:
             occluded it and the image had no border, in [0, 1].
         pixels: Number of visible pixels.
         centroid: Mean column and row of the visible pixels [pixel]. This point may be outside the object.
-        runs: Run-length encoding of the visible pixels, row by row: alternating lengths, beginning with pixels that do
-            not show the object.
+        runs: Run-length encoding of the visible pixels, row by row. Runs of pixels without and with the object
+            alternate, starting with a run without it.
     """
 
     box: Box

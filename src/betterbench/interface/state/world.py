@@ -1,4 +1,4 @@
-"""Part of the privileged state that changes over time, with one value per control step."""
+"""Part of the privileged state that changes over time. There is one :class:`WorldState` per control step."""
 
 from __future__ import annotations
 

@@ -310,7 +310,7 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return the message of an error about a file, without the name of the file and without the remedy."""
+    """Return the message of an error about a file, without the file name and the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 

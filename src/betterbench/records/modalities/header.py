@@ -79,7 +79,7 @@ class ViewHeader:
     format_version: Literal[2] = FORMAT_VERSION
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if modalities are repeated or out of order."""
+        """Raise InvalidInputError if a modality is listed twice or the modalities are out of order."""
         if list(self.modalities) != [name for name in MODALITIES if name in self.modalities] or not self.modalities:
             raise InvalidInputError(
                 "modalities", "expected each modality at most once and in column order", "Materialize the trial again"

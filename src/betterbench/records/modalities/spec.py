@@ -1,4 +1,4 @@
-"""Views of a scene, and the modalities that are rendered for each view."""
+"""Views of a scene, and the modalities to render for each view."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class ViewSpec:
 
     @property
     def text(self) -> str:
-        """The view in the form that the command line uses."""
+        """The view in the format of the command line."""
         place = ""
         if self.placed is not None:
             at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))

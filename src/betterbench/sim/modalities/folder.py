@@ -136,7 +136,7 @@ def files_in(path: Path) -> list[Path]:
 
 
 def _is_begun(path: Path) -> bool:
-    """Return whether a modality folder contains a file of a trial, finished or not."""
+    """Return whether a modality folder contains a finished or unfinished file of any trial."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 

@@ -1,4 +1,4 @@
-"""Materialization of a run: its records are rendered as modality files in a folder.
+"""Rendering of a run's records as modality files in a folder.
 
 It can be interrupted and resumed.
 """
@@ -138,7 +138,7 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
 
 
 class _Views:
-    """Rendering processes of one thread, one per render preset. They end when the context manager exits."""
+    """Rendering processes of one thread: one process per render preset. They end when the context manager exits."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run
@@ -156,7 +156,7 @@ class _Views:
     def stop(self) -> None:
         """End the processes. This method may be called from another thread.
 
-        A thread that is rendering then gets a RecordError.
+        If a thread is rendering, RecordError is raised in that thread.
         """
         for view in list(self._views.values()):
             view.stop()

@@ -2,10 +2,10 @@
 
 In every action space, the result is a joint reference that the position servos integrate evenly over the control step
 (see :mod:`betterbench.sim.robots.panda`). In Cartesian action spaces, the controller keeps a **commanded pose**, which
-an action of zero leaves unchanged. It may lead the measured pose by at most :data:`POSITION_LEAD_M` and
-:data:`ROTATION_LEAD_RAD`, which prevents windup when the arm is blocked.
+an action of zero leaves unchanged. The commanded pose may be ahead of the measured pose by at most
+:data:`POSITION_LEAD_M` and :data:`ROTATION_LEAD_RAD`. This limit prevents windup when the arm is blocked.
 
-The controller remembers little between actions. This memory can be saved and restored (:meth:`ArmController.state`), so
+The few values that the controller remembers between actions can be saved and restored (:meth:`ArmController.state`), so
 an episode can be continued from any recorded state.
 """
 
@@ -90,7 +90,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Memory of a controller between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
+    """What a controller remembers between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -252,8 +252,8 @@ class ArmController:
         """Convert an ``ee_delta`` action to the equivalent action of this controller's action space.
 
         Planned motions are sequences of ``ee_delta`` actions. This method expresses them in the action space of a
-        policy, for the state in which the controller was reset or last applied an action. It supports ``ee_delta``
-        itself and action spaces of absolute joint angles.
+        policy, starting from the state in which the controller was reset or last applied an action. It supports
+        ``ee_delta`` itself and action spaces of absolute joint angles.
 
         Args:
             action: Action in ``ee_delta``, (7,).
@@ -353,7 +353,7 @@ class ArmController:
         return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
-        """Return the commanded opening width [m] after one step at the gripper's speed, as the command directs."""
+        """Return the commanded opening width [m] after the gripper has opened or closed for one control step."""
         if command == 0.0:
             return self._width
         spec = self.spec
@@ -427,7 +427,7 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
 def _bounded(
     pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
 ) -> Pose:
-    """Return the pose, moved toward ``center`` if it is farther away than the bounds allow."""
+    """Return the pose, moved toward ``center`` if it is farther from ``center`` than the bounds allow."""
     position, quaternion = pose.position, pose.quaternion
     cx, cy, cz = center.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz

@@ -86,7 +86,7 @@ def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np
 def decimated(
     pieces: Sequence[tuple[np.ndarray, np.ndarray]], weights: Sequence[float], target: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Decimate meshes to ``target`` triangles in total. If no further collapse is allowed, more triangles remain.
+    """Decimate meshes to ``target`` triangles in total, or to more triangles if no further edge may be collapsed.
 
     Pieces with more detail keep more triangles, because the edges of all pieces share one queue.
 

@@ -1,10 +1,11 @@
 """Inverse kinematics: one control step toward a pose, and joint angles that reach a pose.
 
 Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink (:class:`mink.FrameTask`,
-:class:`mink.Configuration`), on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs 20 times per
-simulated second with cold caches. It takes the same Jacobian directly from MuJoCo, in the base frame. A test compares
-the two. The quadratic program is assembled here and passed to DAQP, with the limits as simple bounds. Mink's own front
-end passes them as 28 general inequalities, which takes about three times as long.
+:class:`mink.Configuration`), on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs only 20 times per
+simulated second, so it always finds the CPU caches cold. To save time, it computes the same Jacobian directly with
+MuJoCo, in the base frame. A test compares the two Jacobians. The quadratic program is assembled here and passed to
+DAQP, with the limits as simple bounds. Mink's own interface to the solver passes the limits as 28 general inequalities,
+which takes about three times as long.
 
 Each iteration minimizes over the joint step ``d``
 
@@ -72,8 +73,8 @@ _Window = tuple[Sequence[float], Sequence[float], float]
 class IKResult:
     """Joint angles (n,) [rad] that were found for a pose, and their remaining errors. The array is read-only.
 
-    ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` is the total over all
-    starts of the search.
+    ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` is the total number of
+    iterations over all starts of the search.
     """
 
     q: np.ndarray
@@ -148,9 +149,9 @@ class ArmIK:
     ) -> list[float]:
         """Return the same joint angles as :meth:`solve`, as plain numbers.
 
-        The method uses plain floats, plain loops and MuJoCo's own small functions. Between two physics steps the caches
-        are cold, so an array operation takes three times as long as in an isolated benchmark, and `all` and `map` take
-        twice as long as a loop.
+        The method uses plain floats, plain loops and MuJoCo's own small functions, because it runs between two physics
+        steps, when the CPU caches are cold. An array operation then takes three times as long as in an isolated
+        benchmark, and `all` and `map` take twice as long as a loop.
         """
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
@@ -301,7 +302,7 @@ class ArmIK:
     def _error_of(self, result: IKResult) -> float:
         """Return the weighted error of a result.
 
-        It serves to compare starts from which the search has not converged.
+        It is used to compare starts from which the search did not converge.
         """
         return POSITION_COST * result.position_error_m + self.spec.ik.orientation * result.rotation_error_rad
 

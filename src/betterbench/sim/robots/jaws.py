@@ -92,9 +92,9 @@ class ParallelJaw:
 class HingedJaw:
     """One finger on a hinge that closes against a fixed finger. The control of the servo is the angle of the hinge.
 
-    The opening width at the hinge angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``. This is the distance,
-    along the opening direction, between the fixed finger and a reference point on the moving finger. When the jaw is
-    closed, the reference point is level with the tool center point.
+    The opening width at the hinge angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``. This is the distance
+    between the fixed finger and a reference point on the moving finger, measured along the opening direction. When the
+    jaw is closed, the reference point is level with the tool center point.
 
     Attributes:
         offset_m: Distance of the hinge from the fixed finger [m].

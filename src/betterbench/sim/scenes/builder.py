@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed, including choice and placement of assets, and labels of geoms."""
+"""Compilation of a scene from a condition and a seed: assets are chosen and placed, and geoms are labeled."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Pose in the compiled model of a fixed object or a closed drawer.
+        """Pose of a fixed object or a closed drawer in the compiled model.
 
         It is None for an object that moves freely.
         """
@@ -53,7 +53,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """Compiled model and the meaning of its parts. All scenes with the same assets share it.
+    """Compiled model and the meaning of its parts. All scenes with the same assets share this value.
 
     Attributes:
         content_hash: Hash of everything that the model is compiled from (hex, 16 characters).
@@ -169,10 +169,10 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
     """Draw the pose of a pre-placed object at its target from the poses in which demonstrations have left objects.
 
-    The trial's random stream makes the choice. In a container, the object is moved away from the walls if necessary.
-    This is never necessary with the assets of the demonstration.
+    The trial's random stream selects one of these poses. In a container, the object is then moved away from the walls
+    if necessary. This is never necessary if the assets are those of the demonstration.
 
-    Raises InvalidInputError if no measured demonstration places an object there.
+    Raises InvalidInputError if no measured demonstration places an object at this target.
     """
     place, kind = condition.preplaced[name], condition.object(name).kind
     asset, on = chosen[name], chosen[place.target]
@@ -196,7 +196,9 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
 
 
 def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping[str, Asset]) -> dict[str, Pose]:
-    """Return the poses of objects that are pre-placed in the same place, as one demonstration left them together.
+    """Return poses for objects that are pre-placed in the same place.
+
+    All objects in the same place get their poses from the same demonstration.
 
     The poses are ``T_middle_object``. They are drawn from demonstrations with the same assets, because objects in a
     container lean on each other. Objects without such a demonstration are left out.
@@ -224,10 +226,10 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This is needed where no demonstration has left the same assets together (see :func:`_drawn_together`), so the two
-    poses come from different demonstrations. Both objects keep their heading. They are moved along the line through
-    their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are not
-    moved.
+    This is needed if no demonstration left the same assets together (see :func:`_drawn_together`), because the two
+    poses then come from different demonstrations. Both objects keep their heading. They are moved along the line
+    through their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are
+    not moved.
     """
     for first, second in itertools.combinations(flats, 2):
         if condition.preplaced[first] != condition.preplaced[second]:

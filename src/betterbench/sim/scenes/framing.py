@@ -80,7 +80,7 @@ class Framing:
 
 
 class FramingView:
-    """Measurements in images of a scene. The scene itself is not changed."""
+    """Measures the framing in images of a scene, without changing the scene."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the model of the scene, and create a renderer for the copy."""
@@ -198,7 +198,7 @@ def asked_objects(condition: Condition) -> tuple[str, ...]:
 
 
 def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
-    """Yield all extreme jitters of a camera, with every shift and rotation at one end of its range."""
+    """Yield all extreme jitters of a camera, in which every shift and every rotation is at one end of its range."""
     for signs in itertools.product((-1.0, 1.0), repeat=6):
         x, y, z, rx, ry, rz = signs
         shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
@@ -213,7 +213,7 @@ def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
 
     A slot is represented by the corners of the area in which its object may start. A target region is represented by
     its corners, for all start positions of the object that it belongs to and with open drawers. If the order of the
-    steps is given, a target that an earlier step moves is not measured.
+    steps is given, targets that an earlier step moves are ignored.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf

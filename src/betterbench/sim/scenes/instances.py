@@ -73,7 +73,7 @@ def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
 
 
 def _points(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return points (n, 3) in a geom's body frame [m] whose bounding box contains the geom."""
+    """Return points (n, 3) such that their bounding box contains the geom, in the frame of the geom's body [m]."""
     if int(model.geom_type[geom]) == _MESH:
         mesh = int(model.geom_dataid[geom])
         start = int(model.mesh_vertadr[mesh])

@@ -274,7 +274,8 @@ class LimitedView:
     def stop(self) -> None:
         """End the process.
 
-        This method may be called from another thread. A thread that waits for an answer then gets a RecordError.
+        This method may be called from another thread. If a thread is waiting for an answer, RecordError is raised in
+        that thread.
         """
         self._told_to_end = True
         self._process.stop()
@@ -344,9 +345,9 @@ class LimitedView:
 class LimitedViews:
     """Pool of processes that render stored scenes.
 
-    They stay open for the later steps of a command until the pool is closed.
+    The processes stay open until the pool is closed, so that later steps of a command can use them again.
 
-    Reusing a process saves the half second of CPU time that a new process needs before its first image.
+    This saves the half second of CPU time that a new process needs before its first image.
     """
 
     def __init__(self) -> None:

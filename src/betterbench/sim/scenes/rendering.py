@@ -360,7 +360,7 @@ class Renderer:
 def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
     """Decode the colors of a geometry pass with ``geoms`` geoms.
 
-    Return the segment index plus one of each pixel of the upright image (height, width).
+    Return an upright image (height, width) that contains, for each pixel, the segment index plus one.
     """
     upright = as_upright(colors)
     segments = upright[:, :, 0].astype(np.int32)
@@ -392,7 +392,7 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
 
 
 def _visible_groups() -> mujoco.MjvOption:
-    """Return rendering options that show the geom groups 0 to 2, without marks, sites or contacts."""
+    """Return rendering options that show only the geom groups 0 to 2, but no marks, sites or contacts."""
     option = mujoco.MjvOption()
     option.flags[:] = 0
     option.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 1

@@ -87,7 +87,7 @@ CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48
 def with_cloth(room: Room, cloth: str | None) -> Room:
     """Return a room with a tablecloth of the given color. If the color is None, the table stays bare.
 
-    Wall, floor and light stay those of the room, so that conditions with the same seed differ only in the cloth.
+    Wall, floor and light do not change, so that conditions with the same seed differ only in the cloth.
 
     Raises:
         UnknownNameError: If there is no tablecloth of this color.

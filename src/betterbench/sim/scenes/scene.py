@@ -103,9 +103,8 @@ class Scene:
         """Build, compile and reset the scene.
 
         By default, the robot is the one for which the task was designed. With ``steady_views``, the cameras and the
-        light are in their nominal poses, as with a real camera that is not moved between trials. A control step
-        consists of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded to a rate with such a
-        period.
+        light are in their nominal poses, as with a real camera that is not moved between trials. A control step must
+        consist of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded accordingly.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
@@ -205,7 +204,8 @@ class Scene:
     def data(self) -> mujoco.MjData:
         """The engine's data, with poses of bodies, cameras and lights that are up to date.
 
-        Read this property again after each step. Only reading it updates the poses of cameras and lights.
+        Read this property again after each step, because the poses of cameras and lights are updated only when it is
+        read.
         """
         self._tool = None  # the caller may move the arm in the data
         if not self._views_are_placed:  # skipped for steps without images
@@ -289,8 +289,8 @@ class Scene:
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Reset the scene to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if ``check_premise`` is True and the scene contradicts what the task takes for granted about
-        its start.
+        Raises PremiseError if ``check_premise`` is True and the scene violates an assumption of the task about its
+        initial state.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos

@@ -251,7 +251,7 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return, for each given object, its index, and the number of pixels and the box of its unoccluded outline.
+        """Return the index of each given object, with the number of pixels and the box of its unoccluded outline.
 
         Objects whose regions of the image do not overlap are rendered together. An outline is reused as long as neither
         the object nor the camera moves.
@@ -323,7 +323,7 @@ def _apart(a: Box, b: Box) -> bool:
 
 
 def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
-    """Return the number of pixels that a body has in a region of a mask, and the tight box around these pixels."""
+    """Return the number of pixels of a body in a region of a mask, and the tight box around these pixels."""
     left, top, right, bottom = rect
     hit = masks[top:bottom, left:right] == body
     rows = np.flatnonzero(hit.any(axis=1))

@@ -1,6 +1,6 @@
-"""Short trials of one asset for the person who reviews it: a drop onto a table, and a lift with a grasp.
+"""Short simulations with which a reviewer tests an asset: a drop onto a table, and a lift with a grasp.
 
-Each trial returns the motion, which is displayed, and a sentence that states the result.
+Each simulation returns the motion to display and a sentence that states the result.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _SLIP_M, _SWING_DEGREES = 0.010, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tryout:
-    """Result of a short trial of an asset.
+    """Result of a short simulation of an asset.
 
     Attributes:
-        passed: Whether the trial succeeded.
+        passed: Whether the asset passed.
         sentence: Result in one sentence.
         asset: Positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`, (T, 7).
         gripper: Poses of each body of the gripper ("hand", "left_finger", "right_finger"), in the same format. Empty if

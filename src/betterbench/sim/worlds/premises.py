@@ -1,7 +1,6 @@
 """Premise checks of the scenes in the installed LIBERO.
 
-A premise is a relation between objects that an instruction takes for granted. It should hold in every initial state of
-the task.
+A premise is a relation between objects that an instruction assumes. It should hold in every initial state of the task.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class PremiseEntry:
         instruction: Instruction of the task.
         states: Number of initial states that were checked.
         broken: For each premise, the initial states in which it is false after settling. A premise is a relation
-            between objects that the instruction takes for granted.
+            between objects that the instruction assumes to hold.
         jumps: For each object, the initial states in which it moves by more than :data:`JUMP_M` while settling.
         engine: Versions of the simulator and of its packages.
         bddl_sha256: SHA-256 of the task's file.
@@ -181,7 +180,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
 
 
 def entries_bytes(entries: Iterable[PremiseEntry]) -> bytes:
-    """Return the content of a file with the given entries, as :func:`read_entries` expects it."""
+    """Serialize the entries to bytes in the file format that :func:`read_entries` reads."""
     return sealed_lines("".join(json.dumps(entry.to_json()) + "\n" for entry in entries).encode())
 
 

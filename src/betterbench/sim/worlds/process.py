@@ -49,7 +49,7 @@ class WorldError(BetterError):
 def as_agreed(what: str) -> Iterator[None]:
     """Convert errors from reading a simulator's answer into a WorldError.
 
-    ``what`` says in the message what the simulator did, for example "sent a state".
+    ``what`` is used in the message to say what the simulator did, for example "sent a state".
     """
     try:
         yield
@@ -168,7 +168,7 @@ class WorldProcesses:
     """Simulator processes of one worker, one per running trial.
 
     A process is reused for the next trial of the same task, if possible. A process with the key None runs only one
-    trial and ends. Its successor is started early, so that it has finished loading when the next trial begins.
+    trial and ends. The next process is started early, so that it has finished loading when the next trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:

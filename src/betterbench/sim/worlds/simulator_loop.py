@@ -30,7 +30,7 @@ class Simulator(Protocol):
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Check the premises of a task in every initial state, after the settling steps.
 
-        A premise is a relation between objects that the instruction takes for granted.
+        A premise is a relation between objects that the instruction assumes to hold.
 
         Return the names of the premises, and whether each premise holds in each state.
         """
@@ -38,7 +38,7 @@ class Simulator(Protocol):
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and execute the settling steps.
 
-        Return the constant properties and the first row of numbers.
+        Return the constant properties of the scene and the first row of numbers.
         """
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:

@@ -32,7 +32,7 @@ class Photo:
     """Recorded state of a trial that should be rendered.
 
     Attributes:
-        scene: Task and condition of the trial as one text ("libero_spatial-05/base").
+        scene: Task and condition of the trial as one string ("libero_spatial-05/base").
         record: Record of the trial.
         row: Row of the record that contains the state.
     """
@@ -95,7 +95,7 @@ class Instructed:
     """Condition of a trial in another world, reduced to the fields that an episode needs.
 
     Attributes:
-        id: Task and condition as one text ("libero_spatial-05/base").
+        id: Task and condition as one string ("libero_spatial-05/base").
         name: Name of the condition.
     """
 
@@ -131,7 +131,7 @@ class SceneCondition(Protocol):
 
     @property
     def id(self) -> str:
-        """Task and condition as one text, such as "libero_spatial-05/base"."""
+        """Task and condition as one string, such as "libero_spatial-05/base"."""
 
     @property
     def name(self) -> str:
@@ -225,7 +225,7 @@ class TrialScene(Protocol):
     def reset(self) -> WorldState:
         """Go to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if the scene contradicts what the task takes for granted about its start.
+        Raises PremiseError if the scene violates an assumption of the task about its initial state.
         """
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -367,7 +367,7 @@ class World(ABC):
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions as short texts. ``robot`` is the name of the run's robot."""
+        """Return the world's conventions as short strings. ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 

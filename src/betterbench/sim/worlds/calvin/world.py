@@ -1,8 +1,8 @@
 """CALVIN ABC→D as a world: chains of five instructions, simulated in the user's checkout of ``calvin_env``.
 
 A trial is a chain, and its seed is the index of the chain. The trial succeeds when all five subtasks are done. The
-record contains the number of subtasks that were done in a row. The suite ``calvin`` starts each chain as CALVIN does.
-The suite ``calvin_resampled`` starts with the blocks anywhere in the range of the training data.
+record contains the number of consecutive subtasks that were done. The suite ``calvin`` starts each chain as CALVIN
+does. In the suite ``calvin_resampled``, the blocks may start anywhere in the range of the training data.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ _CHAIN_START = TypeAdapter(_ChainStart)
 
 @dataclass(frozen=True, slots=True)
 class ChainTask(WorldTask):
-    """The chains of a CALVIN suite, as the task of their trials.
+    """Task that represents all chains of a CALVIN suite. Each of its trials is one chain.
 
     ``bddl_sha256`` is the digest of the checkout's code.
     """
@@ -242,7 +242,7 @@ class CalvinWorld(ProcessWorld):
         return (said,)
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions as short texts."""
+        """Return the world's conventions as short strings."""
         return {
             **ProcessWorld.conventions(self, robot),
             "controller": "calvin_env: relative actions are added to the last target, absolute actions replace the "
@@ -491,7 +491,7 @@ class ChainScene(ProcessScene):
         return measured
 
     def _played(self, action: np.ndarray) -> np.ndarray:
-        """Return the action in the form that the simulator expects.
+        """Return the action in the format that the simulator expects.
 
         Deltas of the action space ``calvin_delta`` are added to the last commanded pose, which gives an absolute pose.
         """

@@ -52,11 +52,12 @@ class PlusOptions:
     """Options of a run in LIBERO-Plus.
 
     Attributes:
-        protocol: Name of the evaluation protocol, which sets the numbers of steps.
-        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
-            continues the run in this case.
+        protocol: Name of the evaluation protocol, which defines the step limits.
+        broken_premises: "refuse" stops the run if a scene violates an assumption of its instruction. "run" continues
+            the run in this case.
         axes: Axes to run. By default, all axes are run.
-        variants: Maximum number of variants per task and axis, which are spread evenly. If it is None, all are run.
+        variants: Maximum number of variants per task and axis. They are spread evenly over all variants. If it is None,
+            all variants are run.
         libero_plus_sentences: "clean" uses the instruction of the base task, and on the axis "language" the instruction
             in the variant's file. "published" uses LIBERO-Plus's own instructions, which end with the variant name on
             six of the seven axes.
