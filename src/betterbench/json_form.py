@@ -235,7 +235,7 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         twice = next(key for key, times in Counter(key for key, _ in pairs).items() if times > 1)
-        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Give it only once")
+        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Keep only one of the values")
     return found
 
 

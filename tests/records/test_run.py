@@ -95,7 +95,7 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
     lines = [json.loads(line) for line in path.read_bytes().splitlines()]
     old = [{name: value for name, value in line.items() if name not in ("link", "record")} for line in lines]
     path.write_text("".join(f"{json.dumps(line)}\n" for line in old), encoding="utf-8")
-    with pytest.raises(RecordError, match="line 3 finishes fast_food/R1/0 again, after line 2"):
+    with pytest.raises(RecordError, match="line 3 says that fast_food/R1/0 is finished, as line 2 already does"):
         read_journal(path)
 
 
@@ -334,16 +334,16 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
-    with pytest.raises(RecordError, match=r"File name too long. Give the --out folder of the run"):
+    with pytest.raises(RecordError, match=r"File name too long. Pass the --out folder of the run"):
         RunFolder.open(tmp_path / ("x" * 300))
-    with pytest.raises(RecordError, match=r"contains no run .*Give the --out folder of a run"):
+    with pytest.raises(RecordError, match=r"contains no run .*Pass the --out folder of a run"):
         RunFolder.open(tmp_path)
 
 
 def test_a_folder_of_runs_is_no_run_and_the_error_names_them(tmp_path) -> None:
     for name in ("sources", "demonstrations"):
         RunFolder.start(tmp_path / name, PLAN)
-    with pytest.raises(RecordError, match=r"Give a run inside it: .*demonstrations, .*sources"):
+    with pytest.raises(RecordError, match=r"Pass a run inside it: .*demonstrations, .*sources"):
         RunFolder.open(tmp_path)
 
 

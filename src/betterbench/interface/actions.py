@@ -73,7 +73,7 @@ class ActionSpace:
                 raise InvalidInputError(
                     where,
                     f"{part} has {len(getattr(self, part))} entries for {len(self.components)} components",
-                    "Give one entry per component",
+                    "Use one entry per component",
                 )
         if not all(
             math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)

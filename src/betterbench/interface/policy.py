@@ -47,7 +47,7 @@ class Execution:
         for name, kind, words in _EXECUTION_KINDS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, kind):
-                raise InvalidInputError(f"Execution: {name}", f"it is of type {type(value).__name__}", f"Give {words}")
+                raise InvalidInputError(f"Execution: {name}", f"it is of type {type(value).__name__}", f"Use {words}")
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
                 "horizon", f"{self.horizon} is out of range", "The execution horizon must be at least 1"

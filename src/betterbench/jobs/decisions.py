@@ -186,7 +186,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         Raises:
             InvalidInputError: If a field of the decision is not valid.
         """
-        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Give a valid value")
+        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Use a valid value")
 
     def append(self, review: LineT) -> History[LineT]:
         """Append a decision, sync it to disk, and return the history of its subject.
@@ -224,7 +224,7 @@ def read_decisions(adapter: TypeAdapter[LineT], path: Path) -> tuple[LineT, ...]
         RecordError: If the file is missing, was edited by hand, or has a different format.
     """
     if not path.exists():
-        raise RecordError(f"{path} does not exist. Give a file that `better review` has written.")
+        raise RecordError(f"{path} does not exist. Choose a file that `better review` has written.")
     lines, _ = complete_lines(path)
     return tuple(review for review, _ in _parsed(adapter, path, lines))
 

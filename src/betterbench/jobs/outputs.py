@@ -85,8 +85,8 @@ def require_replaceable(
 
 def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
     return RunConflictError(
-        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Give another file "
-        "name, or give --overwrite."
+        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Choose a different "
+        "file name, or pass --overwrite."
     )
 
 
@@ -220,7 +220,7 @@ class OutputFolder:
         if others and not self._takes_all:
             raise RunConflictError(
                 f"{path}: the folder contains {others[0].name}, which better {self._verb} did not write. Choose "
-                "an empty or a new folder, or give --overwrite to replace files with the same names and keep all "
+                "an empty or a new folder, or pass --overwrite to replace files with the same names and keep all "
                 "others."
             )
         known = listed or {}

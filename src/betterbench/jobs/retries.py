@@ -76,7 +76,7 @@ class RetryLedger(Generic[Item]):
         if given_up:
             self._in_a_row = 0
         if self._in_a_row >= MAX_DEATHS_IN_A_ROW:
-            raise WorkerError(f"{self._in_a_row} {self._workers} died in a row ({how}). {self._cure}")
+            raise WorkerError(f"{self._in_a_row} {self._workers} died one after another ({how}). {self._cure}")
         return given_up
 
     def reason(self, how: str) -> str:

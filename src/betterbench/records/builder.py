@@ -112,7 +112,7 @@ class RecordBuilder:
             self._check_scene(state)
         if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
             raise InvalidInputError(
-                "action", f"is missing in row {step}, or given in row 0", "Give both actions in every row except row 0"
+                "action", f"is missing in row {step}, or given in row 0", "Pass both actions in every row except row 0"
             )
         if action is None or applied is None:
             action = applied = self._no_action
@@ -221,7 +221,7 @@ class RecordBuilder:
             try:
                 columns[name] = _column(list(map(attrgetter(source), states)), shape)
             except (TypeError, ValueError) as error:
-                cure = f"Give numbers of the shape {shape} in every row"
+                cure = f"Pass numbers of the shape {shape} in every row"
                 raise InvalidInputError(f"state.{source}", str(error), cure) from error
         return columns
 
@@ -232,7 +232,7 @@ class RecordBuilder:
         if -2 in held:
             row = held.index(-2)
             problem = f"{self._states[row].held!r} is not an object of the scene (row {row})"
-            raise InvalidInputError("state.held", problem, "Give the name of a scene object")
+            raise InvalidInputError("state.held", problem, "Use the name of a scene object")
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
@@ -247,7 +247,7 @@ class RecordBuilder:
         """Raise InvalidInputError if the number of truth values differs from that in the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
             problem = f"got {len(predicates)} predicates and {len(subgoals)} subgoals"
-            cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
+            cure = f"Pass {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
@@ -258,7 +258,7 @@ class RecordBuilder:
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:
-                raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")
+                raise InvalidInputError(name, f"has the shape {shape}", "Pass a flat array")
             if shape != known:
                 raise InvalidInputError(
                     name, f"has the shape {shape}, expected {known}", "Keep the same shape during an episode"
@@ -271,7 +271,7 @@ class RecordBuilder:
         """Raise InvalidInputError for the first action whose shape differs from that in the metadata."""
         due = self._no_action.shape
         name, shape = ("action", action.shape) if action.shape != due else ("applied", applied.shape)
-        raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Give {due[0]} numbers")
+        raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Pass {due[0]} numbers")
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:

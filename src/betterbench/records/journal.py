@@ -137,7 +137,7 @@ class Journal(LineJournal):
 
     def _append(self, entry: JournalEntry) -> None:
         form = asdict(entry)
-        read_form(_LINE, form, where="journal entry", cure="Omit the field, or give a value of its type")
+        read_form(_LINE, form, where="journal entry", cure="Omit the field, or use a value of its type")
         link = link_after(self._link, form)
         self._append_line({**form, "link": link})
         self._entries[entry.key], self._link = entry, link
@@ -174,7 +174,9 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
         if entry.status == "error":
             done.pop(entry.key, None)  # marked because its record was missing
         elif entry.key in done:
-            raise RecordError(f"{where} finishes {entry.key} again, after line {done[entry.key]}. {_LINE_CURE}.")
+            raise RecordError(
+                f"{where} says that {entry.key} is finished, as line {done[entry.key]} already does. {_LINE_CURE}."
+            )
         else:
             done[entry.key] = number
         entries[entry.key] = entry

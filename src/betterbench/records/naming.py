@@ -27,7 +27,7 @@ def require_each_once(paths: Sequence[Path]) -> None:
     places = [os.path.realpath(path) for path in paths]
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
-        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run only once")
+        raise InvalidInputError("runs", f"{twice} is given twice", "List every run only once")
 
 
 def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
@@ -81,11 +81,11 @@ def _shown(name: object) -> str:
 def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
     if len(given) != runs:
         problem = f"got {'1 name' if len(given) == 1 else f'{len(given)} names'} for {runs} run(s)"
-        raise InvalidInputError("--name", problem, "Give one name per run, in the same order")
+        raise InvalidInputError("--name", problem, "Pass one name per run, in the same order")
     for name in given:
         if not name.strip() or _shown(name) != name:
-            cure = f"Give a name of 1 to {MOST_CHARACTERS} printable characters"
+            cure = f"Use a name of 1 to {MOST_CHARACTERS} printable characters"
             raise InvalidInputError("--name", f"{name[:MOST_CHARACTERS]!r} cannot be the name of a run", cure)
         if given.count(name) > 1:
-            raise InvalidInputError("--name", f"{name!r} is given twice", "Give each run a different name")
+            raise InvalidInputError("--name", f"{name!r} is given twice", "Use a different name for each run")
     return tuple(given)

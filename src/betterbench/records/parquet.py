@@ -120,7 +120,7 @@ class RecordBrief(BaseModel):
 
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
-_PLACE = f"Give a record of a run (RUN/records/TASK/CONDITION/SEED.parquet). {AGAIN}"
+_PLACE = f"Use a record of a run (RUN/records/TASK/CONDITION/SEED.parquet). {AGAIN}"
 _WHOLE = f"Copy it again from an intact source. {AGAIN}"
 """Remedy to suggest for a truncated or changed record.
 

@@ -154,10 +154,10 @@ class RunFolder:
         try:
             holds_run = (path / "run.json").is_file()
         except OSError as error:
-            raise RecordError(f"{one_line(path)}: {error.strerror}. Give the --out folder of the run.") from error
+            raise RecordError(f"{one_line(path)}: {error.strerror}. Pass the --out folder of the run.") from error
         if not holds_run:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
-            cure = f"Give a run inside it: {', '.join(inside)}" if inside else "Give the --out folder of a run"
+            cure = f"Pass a run inside it: {', '.join(inside)}" if inside else "Pass the --out folder of a run"
             raise RecordError(f"{path}: contains no run (no run.json). {cure}.")
         cure = "Restore it, or start the run in a new folder. Read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
@@ -166,9 +166,9 @@ class RunFolder:
         if "plan" not in form and isinstance(form.get("kind"), str):
             kind = one_line(form["kind"], most=60)
             raise RecordError(
-                f"{path}: the folder contains a {kind} instead of trials of a policy. Give a run of better eval; for a "
-                "run of better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the "
-                "answers."
+                f"{path}: the folder contains a {kind} instead of trials of a policy. Pass the folder of a run "
+                "made with `better eval`. For a run made with `better vlm`, use `better compare` to see the scores or "
+                "`better export --to lmms-eval` to write the answers."
             )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)

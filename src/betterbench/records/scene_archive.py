@@ -64,7 +64,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
     for name in files:
         problem = _member_problem(name)
         if problem:
-            raise InvalidInputError(f"scene file {name!r}", problem, "Give a relative name with forward slashes")
+            raise InvalidInputError(f"scene file {name!r}", problem, "Use a relative name with forward slashes")
     total = sum(len(data) for data in files.values())
     if total > MAX_SCENE_BYTES or len(files) > MAX_SCENE_FILES:
         problem = f"{len(files)} files with {total} bytes exceed {MAX_SCENE_FILES} files or {MAX_SCENE_BYTES} bytes"

@@ -29,7 +29,7 @@ class AgreementTable:
         size = len(self.categories)
         if size < 2 or len(self.counts) != size or any(len(row) != size for row in self.counts):
             problem = f"the table has {len(self.counts)} rows for {size} categories"
-            raise InvalidInputError("counts", problem, "Give a square table with at least two categories")
+            raise InvalidInputError("counts", problem, "Pass a square table with at least two categories")
         if any(count < 0 for row in self.counts for count in row):
             raise InvalidInputError("counts", "a count is negative", "Use counts ≥ 0")
 

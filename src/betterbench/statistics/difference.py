@@ -83,7 +83,7 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
     """
     if not seen:
         raise InvalidInputError(
-            "seen", "expected the rate of at least one seen composition, got none", "Give at least one success rate"
+            "seen", "expected the rate of at least one seen composition, got none", "Pass at least one success rate"
         )
     weight = -1.0 / len(seen)
     return _contrast(((1.0, novel), *((weight, rate) for rate in seen)), confidence, "wilson in quadrature")
@@ -98,7 +98,7 @@ def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDEN
         The mean. If a rate has no trials, the value is None and the interval is [-1, 1].
     """
     if not rates:
-        raise InvalidInputError("rates", "the list is empty", "Give at least one success rate")
+        raise InvalidInputError("rates", "the list is empty", "Pass at least one success rate")
     return _contrast([(1.0 / len(rates), rate) for rate in rates], confidence, "wilson in quadrature")
 
 

@@ -48,7 +48,7 @@ def ranking_area(
     """
     if len(scores) != len(happened):
         problem = f"{len(scores)} scores for {len(happened)} outcomes"
-        raise InvalidInputError("scores, happened", problem, "Give one score and one outcome per case")
+        raise InvalidInputError("scores, happened", problem, "Pass one score and one outcome per case")
     quantile = normal_quantile(confidence)
     values, truth = np.asarray(scores, dtype=np.float64), np.asarray(happened, dtype=bool)
     yes, no = values[truth], values[~truth]
@@ -132,7 +132,7 @@ def rank_correlation(
     """
     if len(first) != len(second):
         problem = f"{len(first)} values and {len(second)} values cannot be paired"
-        raise InvalidInputError("first, second", problem, "Give one value of each quantity per case")
+        raise InvalidInputError("first, second", problem, "Pass one value of each quantity per case")
     x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise InvalidInputError("first, second", "a value is not finite", "Use only finite numbers")

@@ -353,9 +353,9 @@ def test_a_clone_of_calvin_is_a_checkout_too(tmp_path):
     module.touch()
     assert checkout_root(clone) == checkout_root(clone / "calvin_env") == clone / "calvin_env"
     (clone / "calvin_models").mkdir()
-    with pytest.raises(InvalidInputError, match=r"neither.*Give the root"):
+    with pytest.raises(InvalidInputError, match=r"neither.*Pass the root"):
         checkout_root(clone / "calvin_models")
-    with pytest.raises(InvalidInputError, match=rf"Give --calvin-env {clone / 'calvin_env'}\W*$"):
+    with pytest.raises(InvalidInputError, match=rf"Pass --calvin-env {clone / 'calvin_env'}\W*$"):
         checkout_root(clone / "calvin_env" / "calvin_env")
 
 

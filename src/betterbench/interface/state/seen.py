@@ -104,7 +104,7 @@ def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
                 best = found if best is None else min(best, found)
         start += length
     if best is None:
-        raise InvalidInputError("runs", "the run-length encoding has no visible pixel", "Give at least two runs")
+        raise InvalidInputError("runs", "the run-length encoding has no visible pixel", "Pass at least two runs")
     return best[1], best[2]
 
 

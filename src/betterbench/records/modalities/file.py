@@ -46,7 +46,7 @@ COMPRESSION_LEVEL = 1
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
-AGAIN = "Run the same better materialize command again to recreate it"
+AGAIN = "Run the same `better materialize` command again to recreate it"
 """Remedy to suggest for a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
@@ -294,7 +294,7 @@ class ModalityFile:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)
         if not isinstance(raw, bytes) or len(raw) > _MAX_HEADER_BYTES:
             raise RecordError(
-                f"{self.path}: is a Parquet file without modalities. Choose a file that better materialize has written."
+                f"{self.path}: is a Parquet file without modalities. Choose a file that `better materialize` has written."
             )
         return read_form(HEADER, raw, where=str(self.path), cure=AGAIN, raises=RecordError)
 
@@ -322,7 +322,7 @@ def _reading(path: Path) -> Iterator[None]:
     except BetterError:
         raise
     except FileNotFoundError:
-        raise RecordError(f"{path}: the file does not exist. Run better materialize for the trial.") from None
+        raise RecordError(f"{path}: the file does not exist. Run `better materialize` for the trial.") from None
     except Exception as error:  # native code may raise any exception for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(f"{path}: is damaged ({said}). {AGAIN}.") from error

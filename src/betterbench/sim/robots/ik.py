@@ -225,7 +225,7 @@ class ArmIK:
             raise InvalidInputError(
                 "start of the inverse kinematics",
                 f"{start!r} is not a valid joint vector",
-                f"Give {self.home.size} finite angles",
+                f"Pass {self.home.size} finite angles",
             )
         starts = [start]
         self._frame.aim(target)

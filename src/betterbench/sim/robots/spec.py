@@ -199,11 +199,11 @@ class RobotSpec:
                 raise InvalidInputError(
                     f"robot {self.name!r}",
                     f"{field} has {len(getattr(self, field))} entries",
-                    f"Give one entry per joint ({n})",
+                    f"Use one entry per joint ({n})",
                 )
         if any(len(offset) != n for offset in self.posture_offsets):
             raise InvalidInputError(
-                f"robot {self.name!r}", "an entry of posture_offsets has a wrong length", f"Give {n} angles in each"
+                f"robot {self.name!r}", "an entry of posture_offsets has a wrong length", f"Use {n} angles in each"
             )
         for joint, low, home, high in zip(
             self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True

@@ -43,7 +43,7 @@ class CameraMatrices:
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
-            raise InvalidInputError("points", f"the array has the shape {array.shape}", "Give an array of shape (n, 3)")
+            raise InvalidInputError("points", f"the array has the shape {array.shape}", "Pass an array of shape (n, 3)")
         R_world_camera = _rotation_matrix(self.T_world_camera.quaternion)
         local = (array - np.asarray(self.T_world_camera.position)) @ R_world_camera
         depth = local[:, 2]
@@ -61,7 +61,7 @@ class CameraMatrices:
         """
         if depth.shape != (self.height, self.width):
             raise InvalidInputError(
-                "depth", f"has the shape {depth.shape}", f"Give an array of shape {(self.height, self.width)}"
+                "depth", f"has the shape {depth.shape}", f"Pass an array of shape {(self.height, self.width)}"
             )
         v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
         x, y = (u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1]

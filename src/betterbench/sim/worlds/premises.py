@@ -173,7 +173,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     """
     if not path.exists():
         return ()
-    cure = "Give a different file with --out, in which the check starts again"
+    cure = "Pass a different file with --out to start the check again in that file"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     lines = enumerate(open_sealed_lines(data, where=str(path), cure=cure), start=1)
     return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)

@@ -359,9 +359,9 @@ class ProcessScene:
             raise PremiseError(
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
                 f"settling, although the instruction {self.task.instruction!r} presupposes it. An update of the "
-                "physics engine can break scenes; installed is MuJoCo "
+                "physics engine can break scenes; the installed version is MuJoCo "
                 f"{self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds install "
-                f"{self.settings.name}` to install the pinned version, or give --broken-premises run to continue as "
+                f"{self.settings.name}` to install the pinned version, or pass --broken-premises run to continue as "
                 "LIBERO does."
             )
         return self.state()

@@ -367,7 +367,7 @@ class ChainScene(ProcessScene):
             raise PremiseError(
                 f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset, because this "
                 "configuration or this version of calvin_env differs. Use commit 797142c or 1431a46 and the "
-                "validation/.hydra/merged_config.yaml of the data (--calvin-config), or give --broken-premises run "
+                "validation/.hydra/merged_config.yaml of the data (--calvin-config), or pass --broken-premises run "
                 "to continue as CALVIN does."
             )
         return self.state()
@@ -614,12 +614,12 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
             "--calvin-env",
             "the path of your calvin_env checkout is missing. betterbench cannot install calvin_env, because no "
             "package index contains it",
-            "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
+            "Clone https://github.com/mees/calvin_env and pass its path with --calvin-env",
         )
     root = checkout_root(checkout)
     if config is not None and not config.is_file():
         raise InvalidInputError(
-            "--calvin-config", f"{config} is not a file", "Give the data set's validation/.hydra/merged_config.yaml"
+            "--calvin-config", f"{config} is not a file", "Use the data set's validation/.hydra/merged_config.yaml"
         )
     chosen = "" if config is None else str(config.resolve())
     return (*INSTALLATION.command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
@@ -639,7 +639,7 @@ def checkout_root(named: Path) -> Path:
         raise InvalidInputError(
             "--calvin-env",
             f"{named} is the package inside the checkout, not the checkout",
-            f"Give --calvin-env {named.resolve().parent}",
+            f"Pass --calvin-env {named.resolve().parent}",
         )
     clone = next((p for p in (named, named.resolve().parent) if _names_calvin_env(p / ".gitmodules")), None)
     if clone is not None and not (clone / "calvin_env" / "calvin_env" / _MODULE).is_file():
@@ -651,7 +651,7 @@ def checkout_root(named: Path) -> Path:
     raise InvalidInputError(
         "--calvin-env",
         f"{named} has neither calvin_env/{_MODULE} nor calvin_env/calvin_env/{_MODULE}",
-        "Give the root of a clone of mees/calvin_env or mees/calvin",
+        "Pass the root of a clone of mees/calvin_env or mees/calvin",
     )
 
 

@@ -190,7 +190,7 @@ class LiberoPlusWorld(LiberoWorld):
         missing = ", ".join(f"{axis} {n}" for axis, n in self.left_out.items())
         return (
             said,
-            f"Not run, because the authors' assets are missing: {missing}. Give --libero-plus-assets.",
+            f"Not run, because the authors' assets are missing: {missing}. Pass their folder with --libero-plus-assets.",
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
         raise InvalidInputError(
             where,
             f"{folder} does not contain the folder {', '.join(missing)}",
-            "Give the unzipped assets folder of LIBERO-Plus, which contains scenes, textures and new_objects",
+            "Pass the unzipped assets folder of LIBERO-Plus, which contains scenes, textures and new_objects",
         )
     return (*INSTALLATION.command(), *([] if folder is None else [str(folder.resolve())]))
 
@@ -235,7 +235,7 @@ def _nothing_left(
         "--axes",
         f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} can run without the "
         f"authors' assets (the first needs {first})",
-        "Download the assets of LIBERO-Plus and give their folder with --libero-plus-assets",
+        "Download the assets of LIBERO-Plus and pass their folder with --libero-plus-assets",
     )
 
 
