@@ -1,4 +1,4 @@
-"""Exceptions whose messages are written for users. Each message states the problem and how to solve it.
+"""Exceptions with messages that are written for users. Each message states the problem and how to solve it.
 
 Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its message as one line
 and exits with status 2. Any other exception is a bug and is shown with its traceback.
@@ -51,7 +51,7 @@ def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last non-empty line of an external error or traceback, cleaned as in :func:`one_line`."""
+    """Return the last non-empty line of an external error message or traceback, cleaned by :func:`one_line`."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
@@ -82,7 +82,7 @@ def raised_at(problem: BaseException) -> str:
     Return an empty string if the traceback contains no user code.
 
     The location is the innermost frame outside betterbench, the standard library and installed packages. Only the name
-    of the file is given, so that records do not depend on the folder in which the code is stored.
+    of the file is given, so that records do not depend on where the code is stored.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -220,7 +220,7 @@ class PolicyError(BetterError):
 
 
 class PolicyUnavailableError(PolicyError):
-    """A policy server cannot be reached despite retries. Its trials are repeated later."""
+    """A policy server cannot be reached, even after several attempts. The affected trials are repeated later."""
 
 
 class PolicyProcessError(PolicyError):
@@ -228,7 +228,7 @@ class PolicyProcessError(PolicyError):
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was killed from outside, for example by the operating system. Its trial is repeated."""
+    """The process of a policy was killed, for example by the operating system. The current trial is repeated."""
 
 
 class ModelError(BetterError):
@@ -275,7 +275,7 @@ class GraphicsError(MissingDependencyError):
 
 
 def system_error_text(problem: OSError) -> str:
-    """Describe an error of the operating system as a one-line message with its path and a remedy."""
+    """Describe an error of the operating system in one line, with the path concerned and a remedy."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__

@@ -202,7 +202,7 @@ _ADVISED = re.compile(
 
 
 def as_started_here(text: str) -> str:
-    """Return a message in which each ``better`` command starts with the command that works in this installation."""
+    """Return a message in which each ``better`` command is written so that it works in this installation."""
     if "better " not in text:
         return text
     command = better_command()

@@ -137,7 +137,7 @@ def seal_of(form: Mapping[str, Any]) -> str:
 def content_digest(name: str, data: bytes) -> str:
     """Return the SHA-256 of a name together with its content.
 
-    The same content with a different name has a different digest.
+    The digest of the same content under a different name is different.
     """
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 

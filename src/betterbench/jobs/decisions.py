@@ -36,7 +36,7 @@ _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict of a reviewer: accept an item unchanged, accept it after fixing it, or reject it for a stated reason."""
+    """Verdict of a reviewer: accept an item unchanged, accept it after fixing it, or reject it and give a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -66,7 +66,7 @@ class DecisionLine(Protocol):
 
     @property
     def time(self) -> str:
-        """Time of the decision: UTC, ISO 8601."""
+        """Time of the decision (UTC, ISO 8601)."""
 
     @property
     def content(self) -> str:
@@ -147,7 +147,7 @@ def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]
 
 
 class DecisionJournal(LineJournal, Generic[LineT]):
-    """Journal of decisions to which one process at a time can append. Subclasses define the format of the lines.
+    """Journal of decisions. Only one process at a time can append to it. Subclasses define the format of the lines.
 
     An incomplete last line is removed when the journal is opened.
 
@@ -208,7 +208,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @staticmethod
     def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
-        """Return the JSON object of a line."""
+        """Return the JSON object that represents a line of the journal."""
         return asdict(review)
 
 

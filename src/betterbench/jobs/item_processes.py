@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
     """Process items in worker processes, and yield each result when its item is finished.
 
-    If a worker process dies, the items that it was processing are retried one at a time.
+    If a worker process dies, its unfinished items are retried one at a time.
 
     If there is only one worker or only one item, no worker process is started.
 

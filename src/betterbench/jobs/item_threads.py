@@ -15,7 +15,7 @@ MOST_THREADS = 256
 
 
 class Stoppable(Protocol):
-    """Resource of a thread, such as a renderer, that can be stopped from another thread."""
+    """Resource of a thread that can be stopped from another thread, such as a renderer."""
 
     def stop(self) -> None:
         """Make threads that are waiting for the resource stop waiting and fail, so that they can end."""

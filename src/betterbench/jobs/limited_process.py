@@ -41,7 +41,7 @@ _PIPE_BYTES = 1 << 20
 
 
 class LimitedProcessError(BetterError):
-    """A limited process did not reply. The message gives the reason as a clause, such as "it took more than 60 s"."""
+    """A limited process did not reply. The message gives the reason, such as "it took more than 60 s"."""
 
 
 class ProcessEndedError(LimitedProcessError):
@@ -99,7 +99,7 @@ class LimitedProcess:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended or was told to end."""
+        """Whether the process has ended or has been asked to end."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:

@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 
 class LineJournal:
-    """Journal of JSON lines to which one process at a time can append.
+    """Journal of JSON lines. Only one process at a time can append to it.
 
     Opening a journal locks its folder, and raises RunConflictError if another process holds the lock. The complete
     lines are then passed to :meth:`_take_in`, and an incomplete last line, left behind by a killed process, is removed.
@@ -76,7 +76,7 @@ class LineJournal:
         raise NotImplementedError
 
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
-        """Append a JSON value and sync it to disk. If this raises OSError, the file is unchanged.
+        """Append a JSON value and sync it to disk. If OSError is raised, the file is unchanged.
 
         The sync is skipped if the last one was less than ``within_s`` [s] ago. Even then, no line is lost if the
         process is killed, but a power failure may lose some lines.

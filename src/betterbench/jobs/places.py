@@ -1,8 +1,8 @@
 """Protection against writing out of an output folder through a symbolic link.
 
-A run folder that is not trusted may contain a link to one of the user's files, which must not be overwritten. While
-this process has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must
-therefore be inside the folder, even after all links are resolved.
+An untrusted run folder may contain a link to one of the user's files, and that file must not be overwritten. While this
+process has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must therefore be
+inside the folder, even after all links are resolved.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on an output folder.
+    """A command's claim to an output folder.
 
     The claim determines which files in the folder the command may replace.
     """

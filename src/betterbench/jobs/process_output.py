@@ -37,7 +37,7 @@ class ProcessOutput:
         self._thread = threading.Thread(target=self._pass_on, name="policy output", daemon=True)
 
     def begin(self) -> None:
-        """Start forwarding the output. Call this after starting the process."""
+        """Start forwarding the output. Call this after the process has been started."""
         os.close(self.theirs)
         self._thread.start()
 

@@ -27,7 +27,7 @@ _FLOAT64 = np.dtype(np.float64)
 class RecordBuilder:
     """Builder of a record from the states of one episode.
 
-    Appending copies the simulator's arrays and stores a reference to the immutable state. All conversion happens in
+    Appending copies the simulator's arrays and stores a reference to the immutable state. All values are converted in
     :meth:`finish`, so appending takes only a few microseconds per control step.
 
     Raises:
@@ -268,7 +268,7 @@ class RecordBuilder:
         self._memory = tuple(a.data.cast("B") if a.size else b"" for a in simulator) if plain else ()
 
     def _refuse_actions(self, action: npt.NDArray[np.floating], applied: npt.NDArray[np.floating]) -> None:
-        """Raise InvalidInputError for the first action whose shape differs from that in the metadata."""
+        """Raise InvalidInputError for the first action that does not have the shape in the metadata."""
         due = self._no_action.shape
         name, shape = ("action", action.shape) if action.shape != due else ("applied", applied.shape)
         raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Pass {due[0]} numbers")
@@ -277,8 +277,8 @@ class RecordBuilder:
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return the values of all rows as an array (T, *shape). Raises ValueError if a row has a wrong shape.
 
-    Nested values are flattened first, because NumPy would take three times as long to find out their shape. If a value
-    is the same Python object as in the row before, for example because the object is at rest, it is not flattened
+    Nested values are flattened first, because NumPy would take three times as long to determine their shape. If a value
+    is the same Python object as in the previous row, for example because a scene object is at rest, it is not flattened
     again.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]

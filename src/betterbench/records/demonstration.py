@@ -29,10 +29,10 @@ class Demonstrator:
         kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
         manner: Parameters of the motion style. Their names include the unit ("speed", "approach_height_m").
-        sources: Demonstrations from which this one was composed, as "TASK/CONDITION/SEED" in the order of use.
+        sources: Demonstrations that were combined to make this one, as "TASK/CONDITION/SEED" in the order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
-            ``action`` contains the intended action, which a policy should learn, and ``applied`` contains the executed
-            action. Without noise, the two columns differ only by clipping.
+            ``action`` contains the intended action, which a policy should learn, and the column ``applied`` contains
+            the executed action. Without noise, the two columns differ only by clipping.
     """
 
     kind: DemonstratorKind

@@ -81,7 +81,7 @@ _LINE_CURE = "Restore the file from a copy, or evaluate into a new folder"
 
 
 class Journal(LineJournal):
-    """Journal of a run (``journal.jsonl``), to which one process at a time can append.
+    """Journal of a run (``journal.jsonl``). Only one process at a time can append to it.
 
     Raises:
         RunConflictError: If another process is appending to the journal.

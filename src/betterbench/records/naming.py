@@ -33,9 +33,9 @@ def require_each_once(paths: Sequence[Path]) -> None:
 def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
     """Return a unique display name for each run.
 
-    If no names are ``given``, a run gets the name that its policy declares. Runs whose policies declare the same name
-    get the addresses of their policies instead. If these are the same too, the folder of the run is added in
-    parentheses.
+    If no names are ``given``, a run gets the name that its policy declares. If several policies declare the same name,
+    their runs get the addresses of the policies instead. If the addresses are the same too, the folder of the run is
+    added in parentheses.
 
     Raises:
         InvalidInputError: If the number of given names differs from the number of runs, or if a name is empty, too long

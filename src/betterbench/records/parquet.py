@@ -194,7 +194,8 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
     """Read only the outcome of a record. This is faster than reading the whole record.
 
     Raises:
-        RecordError: In most of the cases in which :func:`read_record` raises it. This function makes fewer checks.
+        RecordError: In most of the cases in which :func:`read_record` raises RecordError. This function makes fewer
+            checks.
     """
     return read_brief(path, digest=digest).outcome
 

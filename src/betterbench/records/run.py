@@ -186,7 +186,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Properties of the world, i.e. the simulator and its scenes, in which the trials were run.
+        """Properties of the world in which the trials were run. The world is the simulator with its scenes.
 
         Raises RecordError if the plan names an unknown world.
         """
@@ -239,7 +239,7 @@ class RunFolder:
         """Open the journal for appending. The folder is locked until the journal is closed.
 
         If ``renews`` is True, the journal stays usable if the folder is removed or moved. In this case, the caller must
-        restore the run and repeat the trials whose records are missing.
+        restore the run and repeat all trials with missing records.
 
         Raises:
             RecordError: If the journal lists trials that are not planned. For other errors, see
@@ -340,8 +340,8 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read the record of a trial.
 
-        ``digest`` is the expected digest of the file. A digest from an earlier read reveals whether the run has changed
-        since. By default, the digest in the journal is used.
+        ``digest`` is the expected digest of the file. Pass the digest from an earlier read to detect whether the run
+        has changed since. By default, the digest in the journal is used.
 
         Raises:
             RecordError: If the record is missing or unreadable, if its bytes have changed, or if its trial, policy or
@@ -430,7 +430,7 @@ class RunFolder:
     def keep_scene(self, scene: StorableScene) -> str:
         """Store the scene of a trial unless it is already stored, and return its digest for the journal.
 
-        An empty file marks a scene that is stored elsewhere. A file that does not contain a scene is moved aside.
+        An empty file means that the scene is stored elsewhere. A file that does not contain a scene is moved aside.
 
         Raises:
             RunConflictError: If a different scene has the same name, because it comes from another version or source.

@@ -131,7 +131,7 @@ def _served(record: Record, condition: Condition, closure: _Closure, row: int, c
 def _windows(
     record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
 ) -> Iterator[SkillWindow]:
-    """Yield the skill windows of one gripper closure: a pick and its placement, a slide, or a miss."""
+    """Yield the skill windows of one interval with a closed gripper: a pick and its placement, a slide, or a miss."""
     start = _begin(record, closure.closed, free_from)
     place = ("", "", "") if served is None else (served.target, served.relation, served.region)
     if closure.kind == "miss":
@@ -161,7 +161,7 @@ def _begin(record: Record, change: int, earliest: int) -> int:
 
 
 def _end(record: Record, change: int, away_m: float, latest: int) -> int:
-    """Return the row after the first row at which the tool is ``away_m`` away from its position in the row ``change``.
+    """Return the row after the first row in which the tool is ``away_m`` away from its position in the row ``change``.
 
     The result is at most ``latest``.
     """

@@ -133,7 +133,7 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
 
 
 def _correlated_length(x: float, y: float, phi: float) -> float:
-    """Return the length of the difference between two deviations whose correlation is ``phi`` (law of cosines)."""
+    """Return the length of the difference between two deviations with the correlation ``phi`` (law of cosines)."""
     return math.sqrt(max(0.0, x * x - 2.0 * phi * x * y + y * y))
 
 

@@ -91,7 +91,7 @@ class FurtherLoss:
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Threshold of a stimulus with its interval.
+    """Threshold of the stimulus size, with its interval.
 
     Attributes:
         value: The threshold in the unit of the sizes. None if the data do not allow a conclusion.

@@ -121,7 +121,7 @@ class Decisions:
 
     Attributes:
         answers: One answer per question, in the order of the questions.
-        waiting: Condition and seed of each trial of the current round whose outcome is missing, including twins. Empty
+        waiting: Condition and seed of each trial of the current round that has no outcome yet, including twins. Empty
             when all questions have been decided or all seeds have been used.
     """
 

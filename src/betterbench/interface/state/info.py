@@ -48,7 +48,7 @@ class ObjectInfo:
         slot: Name of the slot in which the object starts, or None.
         source: Source and author of the asset. Empty for assets of the procedural library.
         license: License of the asset. Empty for assets of the procedural library.
-        keeps_upright: Whether the object, such as a drink, must not lie on its side in a container.
+        keeps_upright: Whether the object must not lie on its side in a container, such as a drink.
     """
 
     name: str
@@ -82,7 +82,7 @@ class SlotInfo:
     Attributes:
         position: Center on the table in the world frame [m].
         yaw: Nominal heading of an object in the slot [rad].
-        trained_kinds: Kinds of objects that stand in this slot in the training distribution.
+        trained_kinds: Kinds of objects that start in this slot in the training distribution.
         picked_kinds: Kinds of objects that are picked from this slot in the training distribution.
     """
 
@@ -153,5 +153,5 @@ class SceneInfo:
 
 
 def _form(value: Region | ObjectInfo | SlotInfo | SceneInfo) -> dict[str, Any]:
-    """Return the fields of a dataclass by name. ``asdict`` takes ten times as long, because it copies every number."""
+    """Return the fields of a dataclass by name. This is ten times as fast as ``asdict``, which copies every number."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

@@ -1,4 +1,4 @@
-"""Objects that are visible in a camera image: their visible fraction and their position in the image."""
+"""Visible objects in a camera image: the visible fraction of each object and its position in the image."""
 
 from __future__ import annotations
 

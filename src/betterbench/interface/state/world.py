@@ -70,7 +70,7 @@ class WorldState:
     def position(self, name: str) -> Vector:
         """Return the position of an object in the world frame [m].
 
-        The position refers to the origin of the object's frame, which is the center of its bottom face.
+        It is the position of the origin of the object's frame, i.e. of the center of its bottom face.
         """
         return self.positions[self.info.index(name)]
 

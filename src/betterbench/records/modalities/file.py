@@ -58,7 +58,7 @@ _TAIL = 8
 
 
 class _Sink(io.RawIOBase):
-    """Output stream that hashes each row group. It writes the footer only when the footer's checksum is known."""
+    """Output stream that hashes each row group. The footer is written only after its checksum has been computed."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()

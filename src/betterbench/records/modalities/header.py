@@ -27,7 +27,7 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """Object of the scene whose boxes are stored in the file.
+    """Object of the scene. Its boxes are stored in the file.
 
     Objects have the same order as in the record's ``scene.objects``.
 

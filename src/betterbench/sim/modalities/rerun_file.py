@@ -200,7 +200,7 @@ def _boxes(rerun: Any, record: Record, shown: ShownRow, classes: list[int]) -> A
 
 
 def _log_lanes(rerun: Any, stream: Any, lanes: list[Lane], row: int) -> None:  # noqa: ANN401
-    """Log the spans that begin or end at this row, for every lane of the timeline."""
+    """Log the spans that begin or end at this row, in all lanes of the timeline."""
     for lane in lanes:
         said = next((text for first, last, text in lane.spans if first <= row <= last), "")
         before = next((text for first, last, text in lane.spans if first <= row - 1 <= last), "")

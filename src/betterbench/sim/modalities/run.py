@@ -36,7 +36,7 @@ _POLL_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Materialized:
-    """Result of one materialize command.
+    """Result of one ``better materialize`` command.
 
     Attributes:
         trials: Number of trials whose files are complete now.
@@ -162,7 +162,7 @@ class _Views:
             view.stop()
 
     def opened(self, record: Record, quality: str) -> LimitedView:
-        """Return a process in which the scene of a record is open."""
+        """Return a rendering process that has opened the scene of a record."""
         view = self._views.get(quality)
         if view is None or view.is_closed:
             view = self._views[quality] = LimitedView(quality=quality)

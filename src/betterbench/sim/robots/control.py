@@ -168,7 +168,7 @@ class ArmController:
 
     @property
     def commanded_pose(self) -> Pose:
-        """Pose ``T_base_tcp`` to which the controller currently moves the arm."""
+        """Pose ``T_base_tcp`` that the controller is currently moving the arm to."""
         return self._pose
 
     @property
@@ -237,10 +237,10 @@ class ArmController:
     def gripper_command(self, applied: np.ndarray, last: float) -> float:
         """Return the gripper command of an applied action: -1 to open, 1 to close.
 
-        Some action spaces set the opening width itself. The command is then inferred from the widths. The gripper
-        closes while the commanded width is smaller than the measured width by at least :data:`CLOSING_LEAD_M`. This
-        includes the time in which it presses on an object. It opens while the commanded width is larger by at least the
-        same amount. Otherwise, the ``last`` command is kept.
+        Some action spaces set the opening width directly. The command is then inferred from the commanded and measured
+        widths. The gripper closes while the commanded width is smaller than the measured width by at least
+        :data:`CLOSING_LEAD_M`. This includes the time during which it presses on an object. It opens while the
+        commanded width is larger by at least the same amount. Otherwise, the ``last`` command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)
@@ -398,7 +398,7 @@ _DRIVEN: dict[str, _Advance] = {
 
 
 def _through_play(goal: Joints, held: Joints, play: Sequence[float]) -> list[float]:
-    """Return the positions at which the servos hold the joints after their references have moved, given the backlash.
+    """Apply the backlash: return the positions at which the servos hold the joints after the references have moved.
 
     Args:
         goal: New references [rad].

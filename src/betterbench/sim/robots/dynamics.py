@@ -28,7 +28,7 @@ Dynamics = Mapping[str, tuple[float, ...]]
 
 
 def draw_dynamics(spec: RobotSpec, generator_of: Callable[[str], np.random.Generator]) -> Dynamics:
-    """Draw the dynamics of one trial. The result is empty for a robot whose dynamics do not vary.
+    """Draw the dynamics of one trial. The result is empty if the robot's dynamics do not vary.
 
     Args:
         spec: Description of the robot.

@@ -307,7 +307,7 @@ class ArmIK:
         return POSITION_COST * result.position_error_m + self.spec.ik.orientation * result.rotation_error_rad
 
     def _place(self, q: Sequence[float] | np.ndarray) -> None:
-        """Set the joint angles (n,) [rad] and update the poses, but not the data that Jacobians need."""
+        """Set the joint angles (n,) [rad] and update the poses, but not the data that are needed for Jacobians."""
         self._set_joints(*q)
         mujoco.mj_kinematics(self._model, self._data)
 
@@ -380,7 +380,7 @@ class ArmIK:
     def _bounded_step(
         self, q: np.ndarray, low: np.ndarray, high: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
     ) -> np.ndarray:
-        """Return the joint angles inside the bounds that minimize a quadratic function of the step."""
+        """Minimize a quadratic function of the joint step within the bounds, and return the resulting joint angles."""
         step, _, flag, _ = daqp.solve(hessian, gradient, self._none, high - q, low - q, self._sense)
         if flag < 1:
             # The bounds never cross and the Hessian is positive definite, so the failure is a numerical one. The arm

@@ -161,7 +161,7 @@ def _prepare(
 
 
 def _connected(count: int, faces: np.ndarray) -> np.ndarray:
-    """Return the index of the connected part to which each vertex belongs, shape (count,), for triangles (F, 3)."""
+    """Find the connected parts of a mesh with triangles (F, 3). Return the part index of each vertex (count,)."""
     labels = np.arange(count)
     while True:
         before = labels.copy()

@@ -87,8 +87,8 @@ class SteeringLimits:
 
     Attributes:
         center: Point from which the reach is measured [m].
-        back_m: Distance from the tool center point back along the approach direction to the point whose reach is
-            limited [m]. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
+        back_m: Distance [m] from the tool center point, back along the approach direction, to the point that must stay
+            within reach. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
             arm that tilts its tool.
         longest_m: Largest distance of the limited point from the center [m].
         nearest_m: Smallest horizontal distance of the tool from the center [m]. If the tool came closer, the arm would
@@ -124,7 +124,7 @@ class RobotSpec:
         hand_body: Body that carries the fingers.
         arm_bodies: Bodies of the arm, without the gripper.
         tcp_site: Site of the tool center point between the pads, with z along the approach direction and y along the
-            direction in which the fingers open.
+            opening direction of the fingers.
         joint_effort: Maximum torque of each servo [N m].
         gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].
@@ -145,8 +145,7 @@ class RobotSpec:
         workspace: Heights and distances for motion planning.
         steering: Limits of an operator's targets. They are not part of the JSON form, because they do not change
             results.
-        dynamics: Quantities of the dynamics for which each trial draws values. Empty for a robot whose dynamics are
-            known.
+        dynamics: Quantities of the dynamics for which each trial draws values. Empty if the robot's dynamics are known.
         kept_apart: Pairs of the robot's bodies that the planner keeps apart, because they could touch each other in the
             workspace. They are not part of the JSON form, because they do not change the physics.
     """

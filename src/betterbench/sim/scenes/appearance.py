@@ -74,12 +74,12 @@ def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
 
 
 def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
-    """Return the drawn dynamics of the robot in a trial. The result is empty for a robot whose dynamics do not vary."""
+    """Return the drawn dynamics of the robot in a trial. The result is empty if its dynamics do not vary."""
     return draw_dynamics(robot, lambda quantity: stream(task, seed, f"robot dynamics:{quantity}"))
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return the index below ``count`` that a trial has drawn for one kind of object or for the room.
+    """Return the index, from 0 to ``count - 1``, that a trial has drawn for one kind of object or for the room.
 
     Successive sets of variants take the choices in a shuffled order, which is different for each kind.
     """

@@ -60,7 +60,7 @@ class CompiledScene:
         bodies: Body id of each object, in scene order.
         qpos_addresses: First index into qpos of each object, or -1 if the object is fixed.
         dof_addresses: First index into qvel of each object, or -1 if the object is fixed.
-        slides: Boolean array (n,) that is True for drawers, whose only joint coordinate is their opening [m].
+        slides: Boolean array (n,) that is True for drawers. The only joint coordinate of a drawer is its opening [m].
         geom_labels: Index of each geom's label (ngeom,), or -1 for a geom without one. Labels are the object names,
             followed by :data:`LABELS`.
     """
@@ -133,7 +133,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return how far a drawer is open at the start [m]. Raise an error if the drawer cannot be opened that far."""
+    """Return how far a drawer is open at the start of a trial [m]. Raises an error if it cannot be opened that far."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
@@ -143,7 +143,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the name of the object on which a pre-placed object rests.
+    """Return the name of the object that supports a pre-placed object.
 
     In a stack, this is the object in the next lower layer. Otherwise it is the target.
     """
@@ -158,7 +158,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which a target supports other objects, in the frame of the target [m]."""
+    """Return the center of a target's supporting surface, in the frame of the target [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"objects cannot be pre-placed {relation.name!r} a target, because the relation has no surface"
@@ -167,7 +167,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Draw the pose of a pre-placed object at its target from the poses in which demonstrations have left objects.
+    """Draw the pose of a pre-placed object at its target from the final poses of objects in demonstrations.
 
     The trial's random stream selects one of these poses. In a container, the object is then moved away from the walls
     if necessary. This is never necessary if the assets are those of the demonstration.

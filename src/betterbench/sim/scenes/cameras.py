@@ -72,7 +72,7 @@ class CameraMatrices:
 
 
 class ViewPlacement:
-    """Poses of a model's cameras and key light in a trial, i.e. their nominal poses changed by the trial's jitter."""
+    """Poses of a model's cameras and key light in a trial, i.e. the nominal poses with the trial's jitter applied."""
 
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
         """Store the poses after applying the jitter. Jitter of cameras that the model does not have is ignored."""
@@ -111,7 +111,7 @@ _STILL = CameraOffset((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def camera_matrices(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
 ) -> CameraMatrices:
-    """Return the intrinsics and the pose of a model's camera in a state whose positions are up to date.
+    """Return the intrinsics and the pose of a model's camera in a state with up-to-date positions.
 
     Raises UnknownNameError if the model does not have the camera, and InvalidInputError if the image size is out of
     range.

@@ -34,14 +34,14 @@ Groups = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class _Row(NamedTuple):
-    """Reading of the contacts without their forces. It is reused as long as the same pairs of bodies are in contact.
+    """Contacts that were read, without forces. They are reused as long as the same pairs of bodies are in contact.
 
     Attributes:
         groups: Pairs of bodies that the engine lists.
         kept: Contacts of the sleeping objects, by the index of the pair.
         order: Indices of all pairs in contact.
         contacts: Contacts in the order of ``order``. If the force still has to be read, the contact is a placeholder.
-        awake: Contacts whose force has to be read: index in ``contacts``, both names, and addresses of the forces.
+        awake: Contacts that still need their force: index in ``contacts``, both names, and addresses of the forces.
         held: Name of the object in the gripper, or None.
     """
 

@@ -211,9 +211,9 @@ def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
 
     The distance is measured at the depth of the point, and is negative for points outside the image.
 
-    A slot is represented by the corners of the area in which its object may start. A target region is represented by
-    its corners, for all start positions of the object that it belongs to and with open drawers. If the order of the
-    steps is given, targets that an earlier step moves are ignored.
+    A slot is represented by the corners of the area of possible start positions. A target region is represented by its
+    corners, for all start positions of the object that it belongs to and with open drawers. If the order of the steps
+    is given, targets that an earlier step moves are ignored.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -263,7 +263,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return the slot of an object, or the slot of the object in which it is mounted or on which it is pre-placed."""
+    """Return the slot of an object. If it is mounted in or pre-placed on another object, return that object's slot."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

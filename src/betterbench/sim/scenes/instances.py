@@ -29,7 +29,7 @@ def object_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def robot_in(model: mujoco.MjModel) -> RobotSpec | None:
-    """Return the robot whose gripper a scene model contains, or None if the model has no robot."""
+    """Return the robot in a scene model, recognized by its gripper, or None if the model has no robot."""
     bodies = {model.body(body).name.removeprefix(ROBOT_PREFIX) for body in range(model.nbody)}
     for name in robot_names():
         known = robot(name)

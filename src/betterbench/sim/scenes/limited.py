@@ -268,7 +268,7 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended or was told to end."""
+        """Whether the process has ended or has been asked to end."""
         return self._process.is_closed
 
     def stop(self) -> None:

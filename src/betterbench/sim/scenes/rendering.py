@@ -326,7 +326,7 @@ class Renderer:
         """Return a table (n,) int32 that maps a segment index plus one to a body id. Entry 0 is the background.
 
         MuJoCo numbers the rendered geoms in the order of the model and skips invisible geoms. The table therefore
-        depends only on which geoms have an opacity of zero.
+        depends only on which geoms are invisible, i.e. have an opacity of zero.
         """
         model = self.model
         key = (model.geom_rgba[:, 3] > 0.0).tobytes() + (model.mat_rgba[:, 3] > 0.0).tobytes()

@@ -33,7 +33,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """Appearance of a table top and its surroundings, and the light in which they are seen.
+    """Appearance of a table top and its surroundings, including the light.
 
     Attributes:
         name: Name of the room.

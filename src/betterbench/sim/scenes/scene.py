@@ -102,7 +102,7 @@ class Scene:
     ) -> None:
         """Build, compile and reset the scene.
 
-        By default, the robot is the one for which the task was designed. With ``steady_views``, the cameras and the
+        By default, the robot is the one that the task was designed for. With ``steady_views``, the cameras and the
         light are in their nominal poses, as with a real camera that is not moved between trials. A control step must
         consist of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded accordingly.
         """
@@ -315,7 +315,7 @@ class Scene:
         return state
 
     def snapshot(self) -> SceneSnapshot:
-        """Return the complete current state as a snapshot, to which :meth:`restore` can return."""
+        """Return a snapshot of the complete current state, for :meth:`restore`."""
         return SceneSnapshot(
             copy.copy(self._data),
             self.controller.state(),

@@ -253,8 +253,8 @@ class Sights:
     ) -> list[tuple[int, tuple[int, Box]]]:
         """Return the index of each given object, with the number of pixels and the box of its unoccluded outline.
 
-        Objects whose regions of the image do not overlap are rendered together. An outline is reused as long as neither
-        the object nor the camera moves.
+        Objects are rendered together if their regions of the image do not overlap. An outline is reused as long as
+        neither the object nor the camera moves.
         """
         matrices, known = drawn.matrices, self._outlines[drawn.number]
         where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()

@@ -59,7 +59,7 @@ def _wood(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _planks(color: np.ndarray, size: int) -> np.ndarray:
-    """Paint five weathered planks whose tones differ clearly."""
+    """Paint five weathered planks with clearly different tones."""
     return _staves(color, size, 5, 0.11, 20_014)
 
 

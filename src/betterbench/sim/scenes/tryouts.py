@@ -1,4 +1,4 @@
-"""Short simulations with which a reviewer tests an asset: a drop onto a table, and a lift with a grasp.
+"""Short simulations for testing an asset during a review: a drop onto a table, and a lift with a grasp.
 
 Each simulation returns the motion to display and a sentence that states the result.
 """

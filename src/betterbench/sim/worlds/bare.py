@@ -35,7 +35,7 @@ class _Task:
 
 
 class BareScene(ABC):
-    """Scene whose state consists of the positions of a hand and of objects, and whose goal is a set of named relations.
+    """Scene with only a hand and objects, described by their positions. The goal is a set of named relations.
 
     A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and evaluates the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
@@ -190,7 +190,7 @@ class BareTracker:
 
 
 def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) -> ObjectInfo:
-    """Return the description of an object of which only the name, kind and size are known."""
+    """Return the description of an object, given only the name, kind and size."""
     return ObjectInfo(
         name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
         size_m=size_m,

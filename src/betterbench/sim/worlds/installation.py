@@ -50,7 +50,7 @@ _STAND_INS = (
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """Environment in which the simulator of a world is installed.
+    """Python environment with the simulator of a world.
 
     Attributes:
         name: World name on the command line.

@@ -191,7 +191,7 @@ class WorldProcesses:
         return self._idle.pop(best)[1]
 
     def give_back(self, key: object, process: WorldProcess) -> None:
-        """Keep a process whose trial has ended without an error. If ``key`` is None, end the process."""
+        """Keep a process for reuse after a trial without errors. If ``key`` is None, end the process."""
         if key is None:
             process.close(0.0)
         else:

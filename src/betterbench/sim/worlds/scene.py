@@ -1,4 +1,4 @@
-"""Scene of a trial whose simulator runs in a separate process and answers over a socket."""
+"""Scene of a trial, simulated in a separate process that answers over a socket."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def task_id(suite: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ProcessWorld(World):
-    """World whose simulator runs in a separate process. The fields contain the additional data of a run.
+    """World with a simulator that runs in a separate process. The fields contain the additional data of a run.
 
     Attributes:
         command: Command of the simulator's process.
@@ -235,7 +235,7 @@ class ProcessWorld(World):
 
 
 class ProcessScene:
-    """Scene of a trial whose simulator runs in a separate process.
+    """Scene of a trial, simulated in a separate process.
 
     The trial starts from an initial state of the task.
     """

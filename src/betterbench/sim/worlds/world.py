@@ -271,7 +271,7 @@ class World(ABC):
 
     The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
     of a run and the value that is stored as ``plan.world``, which may contain additional data of this run. Subclasses
-    are frozen dataclasses whose fields can be pickled. A world is pickled by its name in the registry.
+    are frozen dataclasses with fields that can be pickled. A world is pickled by its name in the registry.
 
     Attributes:
         facts: Properties of the world that can be read without its simulator.

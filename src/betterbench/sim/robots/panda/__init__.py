@@ -452,7 +452,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
     """Exclude collisions between bodies that always overlap.
 
-    These are neighboring links, and the short wrist and the links two joints away from it.
+    These are neighboring links. For the short wrist, they also include the links two joints away.
     """
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
     pairs = list(itertools.pairwise(chain))

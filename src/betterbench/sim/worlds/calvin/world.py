@@ -554,7 +554,7 @@ class ChainScene(ProcessScene):
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
-        """Describe each door, light and block that is not in the state in which the chain should start."""
+        """Describe each door, light and block that is not in the start state of the chain."""
         scene, found = start.scene, []
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):

@@ -577,7 +577,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the name of the place where a relation of the initial state puts an object."""
+    """Return the name of an object's place, given the relation that places the object in the initial state."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -641,6 +641,6 @@ def prepare() -> None:
 
 
 def main() -> None:
-    """Answer requests over the socket whose file descriptor is the first command-line argument."""
+    """Answer requests over a socket. Its file descriptor is the first command-line argument."""
     prepare()
     answer_requests(LiberoSimulator(), int(sys.argv[1]))

@@ -257,7 +257,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     def _add_robot(self, number: int) -> str:
         """Register the Panda with the given rest pose in robosuite, and return its name.
 
-        It is registered twice, on a mount and on the ground, since the scenes use both.
+        It is registered twice, once on a mount and once on the ground, because the scenes use both.
         """
         if not number:
             return "Panda"

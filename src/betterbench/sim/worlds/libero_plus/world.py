@@ -115,7 +115,8 @@ class LiberoPlusWorld(LiberoWorld):
     """LIBERO-Plus as the world of a run. The simulator reports which variants exist and which files they need.
 
     Attributes:
-        sentences: "clean", or "published" for LIBERO-Plus's own instructions, which end with the variant name.
+        sentences: "clean" or "published". The published instructions are LIBERO-Plus's own, which end with the variant
+            name.
         left_out: Number of variants on each axis that are left out because they need the authors' assets.
     """
 
