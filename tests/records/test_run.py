@@ -278,13 +278,19 @@ def test_the_same_plan_resumes_and_keeps_the_first_context(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("plan", "message"),
     [
-        ({**PLAN, "trials": 50}, r"plan\.trials is 20 there but 50 here"),
-        ({**PLAN, "trials": 20.0}, r"plan\.trials is 20 there but 20\.0 here"),
-        ({**PLAN, "suite": {"version": "1.1"}}, r'plan\.suite\.version is "1\.0" there but "1\.1" here'),
+        ({**PLAN, "trials": 50}, r"plan\.trials is 20 in the folder but 50 in the request"),
+        ({**PLAN, "trials": 20.0}, r"plan\.trials is 20 in the folder but 20\.0 in the request"),
+        (
+            {**PLAN, "suite": {"version": "1.1"}},
+            r'plan\.suite\.version is "1\.0" in the folder but "1\.1" in the request',
+        ),
         ({**PLAN, "tasks": ["fast_food", "tidy_desk"]}, r"plan\.tasks\[1\]"),
-        ({**PLAN, "tasks": ["fast_food"]}, r"the length of plan\.tasks is 2 there but 1 here"),
-        ({k: v for k, v in PLAN.items() if k != "policy"}, r"plan\.policy is .* there but absent here"),
-        ({**PLAN, "a": None, "zzz": 1}, r"plan\.a is absent there but null here"),
+        ({**PLAN, "tasks": ["fast_food"]}, r"the length of plan\.tasks is 2 in the folder but 1 in the request"),
+        (
+            {k: v for k, v in PLAN.items() if k != "policy"},
+            r"plan\.policy is .* in the folder but absent in the request",
+        ),
+        ({**PLAN, "a": None, "zzz": 1}, r"plan\.a is absent in the folder but null in the request"),
     ],
 )
 def test_another_plan_is_refused_with_the_first_difference(tmp_path, plan, message) -> None:

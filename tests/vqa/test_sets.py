@@ -182,7 +182,7 @@ def test_a_set_has_its_files_in_both_forms(made):
 
 
 def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
-    with pytest.raises(RunConflictError, match=r"set\.options\.seed is 0 there but 1 here"):
+    with pytest.raises(RunConflictError, match=r"set\.options\.seed is 0 in the folder but 1 in the request"):
         make_set(run, made.path, replace(OPTIONS, seed=1), open_photos=photos)
     (tmp_path / "other.txt").touch()
     with pytest.raises(RunConflictError, match="contains other files"):

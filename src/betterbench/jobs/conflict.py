@@ -59,8 +59,8 @@ def require_same(
         place, stored, wanted = difference
         field = place.removeprefix(f"{where}.").split(".")[0]
         raise RunConflictError(
-            f"{path}: this folder contains a different {what}: {place} is {stored} there but {wanted} here. "
-            f"{(cures or {}).get(field, cure)}, or choose a different folder."
+            f"{path}: this folder contains a different {what}: {place} is {stored} in the folder "
+            f"but {wanted} in the request. {(cures or {}).get(field, cure)}, or choose a different folder."
         )
 
 

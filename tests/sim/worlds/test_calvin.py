@@ -236,7 +236,7 @@ def test_renderers_are_not_mixed(plan_of, command, tmp_path):
     run = evaluate(egl, tmp_path / "egl", workers=1, envs=1)
     assert next(run.records()).metadata.engine["renderer"] == "EGL"
     assert run.plan["world"]["versions"]["renderer"] == "EGL"
-    with pytest.raises(RunConflictError, match='renderer is "EGL" there but "TinyRenderer" here'):
+    with pytest.raises(RunConflictError, match='renderer is "EGL" in the folder but "TinyRenderer" in the request'):
         evaluate(tiny, tmp_path / "egl", workers=1, envs=1)
     evaluate(tiny, tmp_path / "tiny", workers=1, envs=1)
     with pytest.raises(RunConflictError, match="renderer"):

@@ -294,7 +294,7 @@ class ModalityFile:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)
         if not isinstance(raw, bytes) or len(raw) > _MAX_HEADER_BYTES:
             raise RecordError(
-                f"{self.path}: is a Parquet file without modalities. Choose a file that `better materialize` has written."
+                f"{self.path}: is a Parquet file without modalities. Choose a file written by `better materialize`."
             )
         return read_form(HEADER, raw, where=str(self.path), cure=AGAIN, raises=RecordError)
 

@@ -191,7 +191,7 @@ class LiberoPlusWorld(LiberoWorld):
         missing = ", ".join(f"{axis} {n}" for axis, n in self.left_out.items())
         return (
             said,
-            f"Not run, because the authors' assets are missing: {missing}. Pass their folder with --libero-plus-assets.",
+            f"Not run, because the authors' assets are missing: {missing}. Pass the folder with --libero-plus-assets.",
         )
 
     def to_json(self) -> dict[str, Any]:
