@@ -24,8 +24,8 @@ _PIECE = 1 << 20
 class AskedProcess:
     """Child process that answers requests. Requests and replies are sent as frames (:mod:`betterbench.jobs.frames`).
 
-    The process has a session of its own. It therefore does not receive signals that are sent to the run, such as
-    Ctrl-C, and the run does not receive signals that are sent to the process.
+    The process has a session of its own. Signals sent to the run, such as Ctrl-C, therefore do not reach the process,
+    and signals sent to the process do not reach the run.
     """
 
     def __init__(

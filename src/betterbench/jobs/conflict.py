@@ -18,7 +18,7 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
 
     Args:
         path: Folder of the job.
-        what: Kind of job for the message, such as "run".
+        what: Kind of job, for the message ("run").
         file: Name of the file that describes a job. A folder that contains this file is not checked.
         besides: Names of files that are accepted, because a job may leave them behind if it fails to start.
     """
@@ -49,8 +49,8 @@ def require_same(
         path: Folder of the job.
         there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
-        what: Kind of job for the message, such as "run".
-        where: Name of the description for the message, such as "plan".
+        what: Kind of job, for the message ("run").
+        where: Name of the description, for the message ("plan").
         cure: Remedy that lets the user resume the job.
         cures: Remedies to use instead of ``cure``, keyed by the first field of the description that differs.
     """

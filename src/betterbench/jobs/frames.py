@@ -162,7 +162,7 @@ def _forms_text(
 
 @lru_cache(maxsize=64)
 def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
-    """Return the name, type, shape and offset of each array, and the end of the last array [byte]."""
+    """Return the name, type, shape and offset of each array, and the end offset of the last array [byte]."""
     found, at = [], 0
     for name, (kind, shape) in _loaded(text).items():
         known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))

@@ -133,7 +133,7 @@ class LimitedProcess:
             raise self._ended() from None
 
     def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
-        """Return the reply, which must have at most ``most`` bytes, within a time limit [s].
+        """Wait for the reply for up to a time limit [s], and return it. It may have at most ``most`` bytes.
 
         Raises:
             LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. The process

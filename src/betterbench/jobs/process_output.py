@@ -23,8 +23,8 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces the standard output and the standard error of a process.
 
-    The child process does not inherit the standard error of this process, because it could truncate the file to which
-    the standard error is redirected, or change the flags of that file.
+    The child process does not inherit the standard error of this process. If it did, and if the standard error were
+    redirected to a file, it could truncate the file or change its flags.
 
     Attributes:
         theirs: The child process's end of the pipe, as a file descriptor.

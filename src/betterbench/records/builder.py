@@ -132,7 +132,7 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append whether each predicate and each subgoal holds in the first row that lacks these values.
+        """For the first row without these values, append whether each predicate and each subgoal holds.
 
         The values have the same order as in the metadata.
 
@@ -159,8 +159,8 @@ class RecordBuilder:
         """Return the finished record. The arguments are passed to :class:`Outcome`.
 
         Raises:
-            InvalidInputError: If there are no rows, a row lacks the values of its predicates and subgoals, a state does
-                not list the objects of the scene, or the outcome contradicts itself.
+            InvalidInputError: If there are no rows, if a row lacks the values of its predicates and subgoals, if a
+                state does not list the objects of the scene, or if the outcome contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:

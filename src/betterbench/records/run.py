@@ -612,7 +612,7 @@ _GROWING = ("trials", "task_versions", "task_files")
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a plan equals another plan except that it contains additional trials."""
+    """Return whether a plan is the same as another plan, except for additional trials."""
     rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
     if dump_json(rest) != dump_json(others):
         return False

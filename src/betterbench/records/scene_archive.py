@@ -124,8 +124,8 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     wrote contains no digest. This causes one warning per run, unless the journal's digest is given.
 
     Raises:
-        RecordError: If the scene is missing, damaged, changed or too large, if it has a different hash or belongs to a
-            different trial, or if a name would lead out of a folder.
+        RecordError: If the scene is missing, damaged, changed or too large, if it belongs to a different trial or has a
+            different hash, or if a file name would lead out of a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)

@@ -2,8 +2,8 @@
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
 skill is a pick and place. If a drawer moved, it is a slide. Otherwise, it is a miss. The window of a skill begins when
-the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens, and ends when the tool has moved
-away from it. A segment ends with the skill that achieves its subgoal.
+the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens. It ends when the tool has moved
+away from this position. A segment ends with the skill that achieves its subgoal.
 """
 
 from __future__ import annotations

@@ -323,7 +323,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """Return how much more the mean score drops than predicted, from the first condition to each condition."""
+        """For each condition, return how much more the mean score drops from the first condition than predicted."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)

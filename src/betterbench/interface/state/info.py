@@ -36,7 +36,7 @@ class ObjectInfo:
     """Properties of a scene object that do not change: kind, asset, appearance and size.
 
     Attributes:
-        name: Name in the scene ("burger_1"), which does not affect verdicts.
+        name: Name in the scene ("burger_1"). It does not affect verdicts.
         kind: Noun for the object in instructions ("burger"). Objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").

@@ -21,8 +21,8 @@ class SeenObject:
 
     Attributes:
         box: Smallest box around all visible pixels of the object.
-        fraction: Number of visible pixels, divided by the number of pixels that the object would have if nothing
-            occluded it and the image had no border, in [0, 1].
+        fraction: Visible fraction of the object, in [0, 1]: the number of visible pixels, divided by the number that
+            would be visible without occlusion and image borders.
         pixels: Number of visible pixels.
         centroid: Mean column and row of the visible pixels [pixel]. This point may be outside the object.
         runs: Run-length encoding of the visible pixels, row by row. Runs of pixels without and with the object

@@ -86,9 +86,9 @@ def materialize_run(
 ) -> Materialized:
     """Write the missing or damaged modality files of a run's recorded trials. Intact files are kept.
 
-    The bytes of the files depend neither on the number of workers nor on interruptions. With ``follow``, the function
-    waits for further recorded trials until the run ends. ``on_progress`` is called with the number of finished trials
-    and the number of known trials.
+    The bytes of the files depend neither on the number of workers nor on interruptions. If ``follow`` is True, the
+    function waits for further recorded trials until the run ends. ``on_progress`` is called with the number of finished
+    trials and the number of known trials.
 
     Raises:
         RunConflictError: If the folder contains unrelated files, was rendered with a different OpenGL, or is in use.

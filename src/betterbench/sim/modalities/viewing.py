@@ -22,7 +22,7 @@ _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """Lane of a timeline. Each of its spans consists of a first row, a last row and a text.
+    """Lane of a timeline. Each span of the lane has a first row, a last row and a label.
 
     ``kind`` is "subgoal", "held" or "contact".
     """
@@ -80,7 +80,7 @@ class ShownRow:
 
 
 def shown_rows(run: RunFolder, record: Record, views: Sequence[ViewSpec], *, quality: str) -> Iterator[ShownRow]:
-    """Yield every row of a record, rendered in a separate process with limits.
+    """Yield every row of a record, rendered in a separate process with memory and time limits.
 
     Raises RecordError if the scene cannot be opened, and MissingDependencyError if off-screen OpenGL does not work on
     this machine.

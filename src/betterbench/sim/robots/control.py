@@ -101,7 +101,7 @@ class ArmController:
     """Controller that converts the actions of one action space to servo references, once per control step.
 
     The robot's base must be at the world origin. ``prefix`` is the prefix of the robot's names in the scene. If
-    ``dynamics`` contain a backlash, the servos hold each joint up to half of the play away from its reference (see
+    ``dynamics`` contain a backlash, the servos may hold each joint at up to half of the play from its reference (see
     :mod:`betterbench.sim.robots.dynamics`).
 
     Raises InvalidInputError if the controller does not support the action space, if the model lacks a part of the

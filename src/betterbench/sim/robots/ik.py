@@ -168,9 +168,9 @@ class ArmIK:
     ) -> tuple[list[float], list[float]]:
         """Return the lowest and the highest joint references that are allowed one control step after ``q``.
 
-        All arguments and results are angles of the n joints [rad]. In one step, a joint obeys its velocity limit and
-        covers at most the fraction :data:`APPROACH` of its distance to a position limit, so that it slows down before
-        the limit. A joint outside its limits must return by at least this fraction, as far as its velocity limit
+        All arguments and results are angles of the n joints [rad]. In one step, a joint obeys its velocity limit. It
+        also covers at most the fraction :data:`APPROACH` of its distance to a position limit, so that it slows down
+        before the limit. A joint outside its limits must return by at least this fraction, as far as its velocity limit
         permits. Within these bounds, a reference stays within ``lead_rad`` of ``centers``.
         """
         lowest: list[float] = []

@@ -150,7 +150,7 @@ class HingedJaw:
         return (self.control_at(width_m) - self.low_rad) / (self.high_rad - self.low_rad)
 
     def object_offset_m(self, width_m: float) -> float:
-        """Return the y coordinate in the tool frame [m] of the center of an object before a grasp.
+        """Return the y coordinate of an object's center in the tool frame before a grasp [m].
 
         The object is next to the fixed finger, at the distance ``clearance_m``.
         """

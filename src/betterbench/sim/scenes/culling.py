@@ -3,8 +3,8 @@
 MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry that is outside the view or behind other
 geometry. By then, a software renderer has already transformed the vertices and painted the pixels. For a wrist camera,
 which has most of the robot behind it, a third of the rendering time is spent on geoms outside its view. A geom can be
-removed if its bounding sphere lies beyond one side of the view, and the sky can be removed if the floor fills the view.
-Neither changes any pixel.
+removed if its bounding sphere lies completely outside one side of the view. The sky can be removed if the floor fills
+the view. Neither changes any pixel.
 """
 
 from __future__ import annotations

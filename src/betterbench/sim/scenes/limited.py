@@ -445,7 +445,10 @@ class _Drawer:
 
 
 def draw_for_parent(quality: str, size: int | str) -> None:
-    """Run the rendering process: answer requests from standard input on standard output until the input ends."""
+    """Run the rendering process: read requests from standard input, and write the answers to standard output.
+
+    The function returns when the input ends.
+    """
     drawer = _Drawer(quality, int(size))
     answer_requests(drawer.answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=REQUEST_CPU_S, unexpected=_unexpected)
 

@@ -1,8 +1,8 @@
 """Rooms: the table top, wall, floor and light of a scene. The seed of a trial determines its room.
 
 No table top has a color that instructions use. Objects in red, blue, yellow, bright green, white, black or the browns
-of food are therefore visible on all table tops. Ambient, key and fill light add up to at most 1 on any surface, so that
-no color is clipped and white can still be told from light gray.
+of food are therefore visible on all table tops. Ambient, key and fill light add up to at most 1 on any surface. No
+color is therefore clipped, and white still differs from light gray.
 """
 
 from __future__ import annotations

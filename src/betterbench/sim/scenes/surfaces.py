@@ -1,7 +1,7 @@
 """Textures of table tops. The materials differ in their pattern, not only in their color.
 
-Strong patterns are coarse and fine patterns are faint. In an image of 256 pixels, the front camera shows about 2.7 mm
-of table per pixel, so high-contrast stripes or grains of that size would cause moire.
+Strong patterns are coarse and fine patterns are faint. In an image of 256 pixels, each pixel of the front camera shows
+about 2.7 mm of the table. High-contrast stripes or grains of that size would cause moire.
 """
 
 from __future__ import annotations

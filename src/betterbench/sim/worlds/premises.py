@@ -166,7 +166,7 @@ def is_premise_file(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
-    """Read the entries from a JSON lines file. If the file does not exist, there are none.
+    """Read the entries from a JSON lines file. If the file does not exist, there are no entries.
 
     Raises:
         InvalidInputError: If a line is not an entry.

@@ -144,7 +144,7 @@ class WorldProcess(AskedProcess):
         return document, answer
 
     def _with_cure(self, message: str) -> str:
-        """Return an error message. If a module is missing in the simulator's environment, append how to install it."""
+        """Append installation advice to an error message if a module is missing in the simulator's environment."""
         missing = _MISSING.search(message)
         if missing is None:
             return message

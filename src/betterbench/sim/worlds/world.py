@@ -362,7 +362,7 @@ class World(ABC):
         return {"world": self.to_json()}
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the fields in which a plan stores the scene options that only some worlds support."""
+        """Return the plan fields for those scene options that only some worlds support."""
         del options
         return {}
 
@@ -382,7 +382,7 @@ class World(ABC):
         """
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of each worker, if the policy answers from another process."""
+        """Return how many environments each worker starts with, if the policy runs in another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:

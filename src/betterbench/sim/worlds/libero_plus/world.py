@@ -223,7 +223,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return, for each axis, how many of the variants need missing files."""
+    """Return how many variants on each axis need files that are missing."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 
