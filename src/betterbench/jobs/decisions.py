@@ -25,7 +25,7 @@ CURE = "Restore the file from a copy, or rename it and make the decisions again"
 """Remedy to suggest for a damaged journal."""
 
 Author = Annotated[str, Field(min_length=1, max_length=80)]
-"""Name of the person who decided."""
+"""Name of the person who made the decision."""
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
 """Time of a decision: UTC, ISO 8601."""
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]

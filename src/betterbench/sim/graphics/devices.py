@@ -107,9 +107,9 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, or None if it is not set.
+    """Return the device index in ``MUJOCO_EGL_DEVICE_ID``, or None if the variable is not set.
 
-    Raises GraphicsError if it is invalid.
+    Raises GraphicsError if the index is invalid.
     """
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:

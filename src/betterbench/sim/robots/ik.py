@@ -215,7 +215,7 @@ class ArmIK:
     ) -> IKResult:
         """Search for joint angles that reach ``T_base_tcp``. Return the first converged result, or else the best.
 
-        The search starts at ``q`` (n,) [rad]. With ``restarts``, it continues from fixed postures around the home
+        The search starts at ``q`` (n,) [rad]. If ``restarts`` is True, it continues from fixed postures around the home
         posture. It takes at most ``iterations`` per start. A rotation error of at most the robot's
         ``rotation_slack_rad`` is accepted. In that case, the search reaches the position exactly and makes the rotation
         error as small as possible. Raises InvalidInputError if ``q`` has a wrong shape or is not finite.

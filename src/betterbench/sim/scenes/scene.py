@@ -102,8 +102,8 @@ class Scene:
     ) -> None:
         """Build, compile and reset the scene.
 
-        By default, the robot is the one that the task was designed for. With ``steady_views``, the cameras and the
-        light are in their nominal poses, as with a real camera that is not moved between trials. A control step must
+        By default, the robot is the one that the task was designed for. If ``steady_views`` is True, the cameras and
+        the light are in their nominal poses, like a real camera that is not moved between trials. A control step must
         consist of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded accordingly.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality

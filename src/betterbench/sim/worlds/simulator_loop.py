@@ -69,7 +69,7 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 
 
 def _told(problem: BaseException) -> str:
-    """Describe an error in one line by its first cause. If libraries wrapped the cause, add the last error."""
+    """Describe an error in one line by its original cause. If libraries wrapped the cause, add the last error."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__

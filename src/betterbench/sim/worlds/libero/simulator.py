@@ -86,7 +86,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Describe the tasks of a suite by the contents of their files, and return the versions of the packages."""
+        """Describe the tasks of a suite from the contents of their files, and return the versions of the packages."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
