@@ -103,7 +103,7 @@ def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos
     for name in ("set.json", "summary.json", "questions.jsonl"):
         (copy / name).write_bytes((made.path / name).read_bytes())
     plan = json.loads((copy / "set.json").read_text())
-    for change, said in (({key: "0" * 64}, f'{key} is "000'), ({}, f"{key} is absent there")):
+    for change, said in (({key: "0" * 64}, f'{key} is "000'), ({}, f"{key} is absent in the folder")):
         told = {**plan, "records": {k: v for k, v in {**plan["records"], **change}.items() if change or k != key}}
         (copy / "set.json").write_text(json.dumps(sealed_form(told)))
         with pytest.raises(RunConflictError, match=said):

@@ -353,7 +353,7 @@ class ArmController:
         return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
-        """Return the commanded opening width [m] after the gripper has opened or closed for one control step."""
+        """Return the commanded opening width [m] after one control step with the given gripper command."""
         if command == 0.0:
             return self._width
         spec = self.spec

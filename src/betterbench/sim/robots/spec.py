@@ -90,7 +90,7 @@ class SteeringLimits:
         back_m: Distance [m] from the tool center point, back along the approach direction, to the point that must stay
             within reach. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
             arm that tilts its tool.
-        longest_m: Largest distance of the limited point from the center [m].
+        longest_m: Largest distance of this point from the center [m].
         nearest_m: Smallest horizontal distance of the tool from the center [m]. If the tool came closer, the arm would
             hit itself.
         highest_m: Largest height of the tool [m].

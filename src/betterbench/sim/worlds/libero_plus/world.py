@@ -52,7 +52,7 @@ class PlusOptions:
     """Options of a run in LIBERO-Plus.
 
     Attributes:
-        protocol: Name of the evaluation protocol, which defines the step limits.
+        protocol: Name of the evaluation protocol, which defines the number of settling steps and the step limit.
         broken_premises: "refuse" stops the run if a scene violates an assumption of its instruction. "run" continues
             the run in this case.
         axes: Axes to run. By default, all axes are run.
