@@ -32,7 +32,7 @@ more trials: if no pair differs, a margin of 50 points takes 5 pairs and a margi
 """
 
 FIRST_PAIRS = 5
-"""Number of pairs in the first round. It is the smallest number after which pairs that all agree give a verdict."""
+"""Number of pairs in the first round. It is the smallest number that allows a verdict if all pairs agree."""
 
 TWIN_SHARE = 0.5
 """Minimum fraction of pairs in which the twin must succeed.

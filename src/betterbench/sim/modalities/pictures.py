@@ -52,7 +52,7 @@ def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple
 
 
 _GRAY = 0.2
-"""Saturation below which an object counts as gray, i.e. has no clear hue."""
+"""Saturation below which an object is considered gray, i.e. without a clear hue."""
 _APART = 24
 """Minimum difference between the colors of two objects, in at least one of red, green and blue."""
 

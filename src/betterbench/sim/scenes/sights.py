@@ -25,7 +25,7 @@ from betterbench.sim.scenes.stored import StoredState
 
 _NEAR_M = 0.01
 _SUNK_M = 0.002
-"""Depth to which an object that counts as above the table may sink into it [m]."""
+"""Maximum depth by which an object may sink into the table and still be considered above it [m]."""
 _LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)

@@ -26,7 +26,7 @@ DROP_M = 0.03
 """Height from which an asset is dropped [m]."""
 _WATCHED_S, _STILL_S = 2.0, 0.5
 _STILL_M_S = 0.004
-"""Surface speed below which an asset counts as at rest [m/s]."""
+"""Surface speed below which an asset is considered to be at rest [m/s]."""
 _TIPPED_DEGREES = 8.0
 _APPROACH_M, _LIFT_M = 0.08, 0.12
 _CLOSE_S, _HOLD_S = 0.9, 0.5

@@ -31,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Distance [m] that counts as a jump if an object moves sideways by more than this while settling."""
+"""Sideways motion of an object while settling [m] above which it is reported as a jump."""
 
 
 _MOST_LINE = 1 << 20

@@ -86,7 +86,7 @@ PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK},
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
 """Relations of the table that are recorded.
 
-A door counts as open beyond half of the range it has in the start states.
+A door is considered open beyond half of the range that it has in the start states.
 """
 
 _SPLITS = {

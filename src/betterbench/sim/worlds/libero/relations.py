@@ -23,7 +23,7 @@ The values are those of LIBERO's ``under``.
 """
 
 _BELOW_M = 0.01
-"""Depth below a box at which an object still counts as in the box [m] (LIBERO's ``in_box``)."""
+"""Depth below a box at which an object is still considered to be in the box [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
 """Margin below which LIBERO's own check decides [m].
