@@ -1,8 +1,9 @@
 """Shell commands for this installation: how to install extras, and how to run ``better``.
 
-Messages to the user contain these commands. A clone installs extras from its lock files with ``make setup``. An
-installation from a wheel uses the package installer of its Python environment. The command ``better`` is on the search
-path (PATH) only if the environment is activated. If it is not, messages contain the path of the script instead.
+Messages to the user contain these commands. In a git clone, ``make setup`` installs extras from lock files. If
+betterbench was installed from a wheel, the package installer of the Python environment is used. The command ``better``
+is on the search path (PATH) only if the environment is activated. If it is not, messages contain the path of the script
+instead.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class HeldFolder:
 
     Attributes:
         lock: Path of the lock file.
-        output: Locked path as the user gave it.
+        output: Locked path as given by the user.
         identity: Device and inode of the lock file.
     """
 
@@ -148,7 +148,7 @@ class RunLock:
 
     @property
     def _locked(self) -> Path:
-        """Locked path as the user gave it."""
+        """Locked path as given by the user."""
         return self._output
 
     def _guard(self) -> None:
@@ -242,7 +242,7 @@ class FileLock(RunLock):
 
     @property
     def _locked(self) -> Path:
-        """Locked path as the user gave it."""
+        """Locked path as given by the user."""
         return self._file
 
     def _conflict(self, holder: str) -> str:

@@ -57,7 +57,7 @@ class RetryLedger(Generic[Item]):
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Put items back at the front of the queue. Use this if something else ended their worker."""
+        """Put items back at the front of the queue. Use this if their worker ended for an unrelated reason."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:

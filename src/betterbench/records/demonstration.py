@@ -79,7 +79,7 @@ class SkillWindow:
     stop: _Row
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the window is empty or the gripper change is outside it."""
+        """Raise InvalidInputError if the window is empty or the row ``change`` is outside it."""
         if not self.start <= self.change < self.stop:
             problem = f"rows {self.start}, {self.change}, {self.stop} are not in order"
             raise InvalidInputError(f"skill {self.kind}", problem, "Choose rows such that start ≤ change < stop")

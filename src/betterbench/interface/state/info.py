@@ -1,4 +1,4 @@
-"""Part of an episode's privileged state that does not change: objects, their shapes, and slots on the table."""
+"""Constant part of an episode's privileged state: objects, their shapes, and slots on the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""EGL devices of this machine, and how processes are distributed over them.
+"""EGL devices of this machine, and the distribution of processes over them.
 
 Processes are distributed only over devices that render identically, so that an image does not depend on the process
 that rendered it. Devices render identically if they have the same OpenGL vendor, renderer and version. Only devices

@@ -185,7 +185,7 @@ def framing_faults(scene: Scene) -> tuple[str, ...]:
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
-    """Return the names of the objects to which an instruction's steps refer, in order and without duplicates."""
+    """Return the names of the objects that an instruction's steps refer to, in order and without duplicates."""
     names: dict[str, None] = {}
     for step in condition.instruction.subgoals:
         found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]

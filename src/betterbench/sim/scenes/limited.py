@@ -1,4 +1,4 @@
-"""Rendering of stored scenes that are not trusted, in a separate process with limits.
+"""Rendering of untrusted stored scenes in a separate process with memory and time limits.
 
 A stored scene is a model in MuJoCo's binary format. MuJoCo does not validate such files, so a forged file can crash or
 hang the process or exhaust the memory. The process that opens them therefore has limits for memory and time, and sends

@@ -68,8 +68,8 @@ class Renderer:
 
     Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms. The first renderer of a
     process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is used.
-    Poses, colors and materials may change between images, but meshes and textures may not. The quality overrides the
-    visual settings of the model itself.
+    Poses, colors and materials may change between images, but meshes and textures may not. The quality preset overrides
+    the visual settings that are stored in the model.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.

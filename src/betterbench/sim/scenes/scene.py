@@ -233,7 +233,7 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names that contacts use: first the names of the objects, then the names of robot parts and the stage."""
+        """Names of the bodies in contacts: first the objects, then the parts of the robot and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:

@@ -53,7 +53,7 @@ class RowForm:
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:
-        """Return the array with the given name as a view of the row (n,), in its own shape."""
+        """Return the array with the given name, as a view of the row (n,) with the shape of the array."""
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:

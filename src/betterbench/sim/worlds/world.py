@@ -393,7 +393,7 @@ class World(ABC):
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
         """Return the trials in the order in which they are executed. The order does not affect the results.
 
-        ``last`` is the number of trials at the end of a run, when idle workers may have to wait for others.
+        ``last`` is the number of trials in the last phase of a run, in which idle workers may have to wait for others.
         """
         del last
         return sorted(trials, key=lambda t: (t.task, t.seed))

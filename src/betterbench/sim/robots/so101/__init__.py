@@ -94,7 +94,7 @@ _BASE_Z = 0.0024
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One mesh of a link: the stem of its file, its pose in the link and its paint."""
+    """One mesh of a link: its file name without the extension, its pose in the link, and its paint."""
 
     link: str
     mesh: str
