@@ -269,7 +269,9 @@ class ModalityFile:
             raise RecordError(f"{self.path}: is damaged (its end is missing). {AGAIN}.")
         footer = self._bytes(begin, size)
         if SEAL_KEY not in footer:
-            raise RecordError(f"{self.path}: has no checksum: an earlier version wrote it, or it is damaged. {AGAIN}.")
+            raise RecordError(
+                f"{self.path}: has no checksum, because an earlier version wrote it or it is damaged. {AGAIN}."
+            )
         try:
             intact = seal(footer) == footer
         except RecordError:
