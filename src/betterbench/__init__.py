@@ -1,8 +1,7 @@
 """betterbench: a diagnostic benchmark that finds out why Vision-Language-Action policies fail.
 
-The public names are imported when they are first used, so importing the package takes no time. The modules with which
-the package can be extended (tasks, assets, relations, failure modes, learners) are listed in
-``docs/reference/index.md``.
+The public names are imported when they are first used, so importing the package takes no time. The modules for
+extending the package (tasks, assets, relations, failure modes, learners) are listed in ``docs/reference/index.md``.
 
 Every task is a Gymnasium environment. ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")`` imports this
 package, which then registers the environments.

@@ -1,7 +1,7 @@
-"""Exceptions whose messages are written for users. Each message states the problem and how to solve it.
+"""Exceptions with messages that are written for users. Each message states the problem and how to solve it.
 
-Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its text as one line
-and exits with status 2. Any other exception is a bug and keeps its traceback.
+Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its message as one line
+and exits with status 2. Any other exception is a bug and is shown with its traceback.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Tab and line feed are not included.
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return external text with limited length and without characters that could control a terminal.
+    """Shorten external text if it is too long, and replace characters that could control a terminal.
 
     Line breaks are kept.
 
@@ -51,12 +51,12 @@ def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last non-empty line of an external error or traceback, cleaned as in :func:`one_line`."""
+    """Return the last non-empty line of an external error message or traceback, cleaned by :func:`one_line`."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return the text in a form that can be encoded, with characters such as lone surrogates escaped."""
+    """Escape characters that cannot be encoded, such as lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -79,10 +79,10 @@ _OURS = str(Path(__file__).resolve().parent)
 def raised_at(problem: BaseException) -> str:
     """Return the location in user code at which an exception was raised, such as "my_policy.py, line 12, in act".
 
-    Return an empty string if the exception was raised without user code.
+    Return an empty string if the traceback contains no user code.
 
     The location is the innermost frame outside betterbench, the standard library and installed packages. Only the name
-    of the file is given, so that records do not depend on the folder in which the code is stored.
+    of the file is given, so that records do not depend on where the code is stored.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -96,7 +96,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Describe an exception from user code in one line: type, text and location."""
+    """Describe an exception from user code in one line: its type, its message and its location."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -120,7 +120,8 @@ class UnknownNameError(BetterError):
         """Build the message, which suggests the most similar names first.
 
         The first argument may be another UnknownNameError, which is then copied. Gymnasium's vector environments need
-        this: they raise an error of a worker again by passing it to its own class.
+        this: to re-raise a worker's exception, they call the exception class with the original exception as its
+        argument.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -219,7 +220,7 @@ class PolicyError(BetterError):
 
 
 class PolicyUnavailableError(PolicyError):
-    """A policy server cannot be reached despite retries. Its trials are repeated later."""
+    """A policy server cannot be reached, even after several attempts. The affected trials are repeated later."""
 
 
 class PolicyProcessError(PolicyError):
@@ -227,7 +228,7 @@ class PolicyProcessError(PolicyError):
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was killed from outside, for example by the operating system. Its trial is repeated."""
+    """The process of a policy was killed, for example by the operating system. The current trial is repeated."""
 
 
 class ModelError(BetterError):
@@ -239,11 +240,11 @@ class HandshakeError(BetterError):
 
 
 class PremiseError(BetterError):
-    """At reset, the scene contradicts what the task takes for granted about its start. The run must stop."""
+    """After the reset, the scene violates an assumption of the task about its initial state. The run must stop."""
 
 
 class RunConflictError(BetterError):
-    """A folder contains a different run than the requested one, or files that do not belong to a run."""
+    """A folder contains a run other than the requested one, or files that do not belong to a run."""
 
 
 class RecordError(BetterError):
@@ -259,7 +260,7 @@ class WorkerError(BetterError):
 
 
 class TrainingError(BetterError):
-    """Training cannot continue because the loss is not finite. The states that were saved before are kept."""
+    """Training cannot continue because the loss is not finite. Training states that were already saved are kept."""
 
 
 class MissingDependencyError(BetterError):
@@ -274,7 +275,7 @@ class GraphicsError(MissingDependencyError):
 
 
 def system_error_text(problem: OSError) -> str:
-    """Describe an error of the operating system as a one-line message with its path and a remedy."""
+    """Describe an error of the operating system in one line, with the path concerned and a remedy."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__

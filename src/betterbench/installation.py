@@ -1,8 +1,9 @@
-"""Shell commands that suit this installation: how to install extras, and how to start the command line.
+"""Shell commands for this installation: how to install extras, and how to run ``better``.
 
-Messages to the user contain these commands. A clone installs extras from its lock files with ``make setup``. An
-installation from a wheel uses the package installer of its Python environment. The command ``better`` is on the search
-path (PATH) only in an activated environment. Otherwise, messages contain the path of its script.
+Messages to the user contain these commands. In a git clone, ``make setup`` installs extras from lock files. If
+betterbench was installed from a wheel, the package installer of the Python environment is used. The command ``better``
+is on the search path (PATH) only if the environment is activated. If it is not, messages contain the path of the script
+instead.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ EXTRAS = {
 
 
 def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for an extra that is not installed, with the command that installs it in this installation.
+    """Return the error for an extra that is not installed. The message contains the command that installs it.
 
     Args:
         problem: Sentence that states why the extra is needed, without a period.
@@ -86,7 +87,10 @@ def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDe
 
 
 def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for packages that no extra contains, with the command that installs these packages."""
+    """Return the error for missing packages that belong to no extra.
+
+    The message contains the command that installs them.
+    """
     return MissingDependencyError(
         f"{problem}. Run: {package_command(*requirements)}{f', {otherwise}' if otherwise else ''}"
     )
@@ -168,16 +172,16 @@ def requirements_of(extra: str) -> tuple[str, ...]:
 
 
 def clone_folder() -> Path | None:
-    """Return the root folder of the clone that contains this package, or None if it was installed from a wheel."""
+    """Return the root folder of the git clone that contains this package, or None if it was installed from a wheel."""
     folder = Path(__file__).resolve().parents[2]
     is_clone = (folder / "tools" / "setup_environment.py").is_file() and (folder / "pyproject.toml").is_file()
     return folder if is_clone else None
 
 
 def better_command() -> str:
-    """Return the shell words that start the command line of this installation from the current folder.
+    """Return the shell command that runs this installation's ``better`` from the current folder.
 
-    This is ``better`` if the command of this installation is on the search path. Otherwise it is the path of the
+    This is ``better`` if that name on the search path leads to this installation. Otherwise it is the path of the
     script, or ``python -m betterbench.cli`` if there is no script.
     """
     script = _script()
@@ -199,7 +203,7 @@ _ADVISED = re.compile(
 
 
 def as_started_here(text: str) -> str:
-    """Return a message in which ``better`` commands are written as they have to be started in this installation."""
+    """Return a message in which each ``better`` command is written so that it works in this installation."""
     if "better " not in text:
         return text
     command = better_command()
@@ -230,9 +234,9 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return the command that starts the installer uv: from the search path, next to this Python, or in the clone.
+    """Return the command that starts uv, after looking on the search path, next to this Python and in the git clone.
 
-    Return None if uv is missing.
+    Return None if uv is not found.
     """
     if shutil.which("uv"):
         return "uv"
@@ -271,7 +275,7 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether this Python version satisfies a marker.
+    """Return whether this Python version satisfies the environment marker of a requirement.
 
     The markers in betterbench's requirements contain only version bounds.
     """

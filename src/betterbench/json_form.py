@@ -1,6 +1,6 @@
 """Validation of JSON from files and untrusted sources, using dataclasses.
 
-A dataclass for this purpose has the decorator :data:`strict_form`, and its ``TypeAdapter`` parses the text::
+Decorate the dataclass with :data:`strict_form`, and parse the text with its ``TypeAdapter``::
 
     @strict_form
     @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ def seal_of(form: Mapping[str, Any]) -> str:
 def content_digest(name: str, data: bytes) -> str:
     """Return the SHA-256 of a name together with its content.
 
-    The same content with a different name has a different digest.
+    The digest of the same content under a different name is different.
     """
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
@@ -214,7 +214,7 @@ def open_sealed_lines(
 def say_unsealed(where: str) -> None:
     """Warn that a document was written by an earlier version without a checksum.
 
-    Each document causes only one warning.
+    For each document, the warning is logged only once.
     """
     if where not in _SAID:
         _SAID.add(where)
@@ -230,12 +230,12 @@ _SAID: set[str] = set()
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
     """Return a dictionary of key-value pairs, to be used as ``object_pairs_hook`` of ``json.loads``.
 
-    Raises InvalidInputError if a key occurs twice, because JSON readers disagree on which of the values counts.
+    Raises InvalidInputError if a key occurs twice, because JSON readers disagree on which of the values to use.
     """
     found = dict(pairs)
     if len(found) < len(pairs):
         twice = next(key for key, times in Counter(key for key, _ in pairs).items() if times > 1)
-        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Give it only once")
+        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Keep only one of the values")
     return found
 
 
@@ -279,9 +279,9 @@ def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str
     """Parse JSON. Raises ValueError if the text is not valid JSON or is nested more than 200 levels deep.
 
     Deeper nesting would cause errors in code that traverses the value. Integers may be arbitrarily large, as in JSON.
-    To calculate with them, validate the value with a class that limits their size. With ``unique``, InvalidInputError
-    is raised if a key occurs twice. With ``number``, this function converts all numbers, and NaN and Infinity are
-    rejected.
+    To calculate with them, validate the value with a class that limits their size. If ``unique`` is True,
+    InvalidInputError is raised if a key occurs twice. If a function ``number`` is given, it converts all numbers, and
+    NaN and Infinity are rejected.
     """
     try:
         found = json.loads(
@@ -339,7 +339,7 @@ class NotOrdinaryError(OSError):
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open a file that may come from another source, for reading.
+    """Open a file for reading. The file may come from an untrusted source.
 
     Pipes and devices are rejected without blocking.
 
@@ -444,6 +444,6 @@ def dump_json(form: object) -> bytes:
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file in the form that journals contain. The file is read in blocks."""
+    """Return the SHA-256 of a file, as journals store it. The file is read in blocks."""
     with open_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 
 def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
-    """Return the ``__getattr__`` of a package whose names are imported from other modules when they are first used.
+    """Return a ``__getattr__`` function for a package that imports each public name when it is first used.
 
     Assign the result to ``__getattr__`` in an ``else`` branch of ``if TYPE_CHECKING``, and import the names in the
     other branch. Type checkers then report unknown names.

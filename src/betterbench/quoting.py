@@ -27,7 +27,7 @@ times.
 
 # -------------------------------------------------------------------------------------------------------------- shell
 class ShellText(str):
-    """Shell source that betterbench's own code has written, such as ``"$HERE/train.py"``. It is not quoted.
+    """Shell code written by betterbench itself, such as ``"$HERE/train.py"``. It is not quoted.
 
     Text from a file or a user must never become a ShellText. If a ShellText is concatenated with another string, the
     result is an ordinary string, which is quoted.
@@ -83,11 +83,11 @@ _DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
-    """Derive the name of a file or folder from a text. If the text has no ASCII letter or digit, return ``otherwise``.
+    """Derive a file or folder name from a string. If the string has no ASCII letter or digit, return ``otherwise``.
 
     The name consists of ASCII letters, digits, ``-`` and ``.``, and has at most :data:`LONGEST_NAME` characters. A
-    longer name is cut and ends with a digest of the text, so that two long texts with the same beginning get different
-    names.
+    longer name is truncated and ends with a digest of the string, so that long strings with the same beginning get
+    different names.
     """
     name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
     if len(name) <= LONGEST_NAME:
@@ -98,7 +98,7 @@ def default_name(text: str, *, otherwise: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- pages
 def markup_text(text: str) -> str:
-    """Escape a text for use as the content or an attribute of an HTML or XML element, and limit its length."""
+    """Escape a string for use as the content or an attribute of an HTML or XML element, and limit its length."""
     return html.escape(printable(text, most=LONGEST_TEXT), quote=True)
 
 
@@ -120,7 +120,7 @@ def json_text(
     allow_nan: bool = True,
     ascii_only: bool = False,
 ) -> str:
-    """Return JSON for a terminal or for a file that people open. The options are passed to ``json.dumps``.
+    """Return JSON that people read in a terminal or in a file. The options are passed to ``json.dumps``.
 
     Letters stay readable. Characters that cannot be printed or encoded are escaped as in :func:`escaped_json`.
     """
@@ -151,7 +151,7 @@ def _escaped(found: re.Match[str]) -> str:
 
 # ----------------------------------------------------------------------------------------------------------- markdown
 def markdown_text(text: object) -> str:
-    """Escape a text as one line of Markdown, for a paragraph, a list, a heading or a table cell.
+    """Escape a string as one line of Markdown, for a paragraph, a list, a heading or a table cell.
 
     Only characters that CommonMark or GitHub would interpret are escaped. Ordinary names stay unchanged, for example if
     they contain an underscore between letters, brackets without an address, or a single ampersand.
@@ -170,7 +170,7 @@ _MARKDOWN = re.compile(
 
 
 def markdown_code(text: object) -> str:
-    """Return a text as one line of inline code in Markdown, which is also valid in a table cell."""
+    """Return a string as one line of inline code in Markdown, which is also valid in a table cell."""
     line = one_line(text, most=LONGEST_TEXT).replace("|", "\\|")
     fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
     room = " " if line.startswith("`") or line.endswith("`") or not line.strip() else ""
@@ -196,9 +196,9 @@ def _row(cells: Sequence[str]) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- tables
 def csv_text(text: str) -> str:
-    """Return a text of limited length for a CSV cell, protected from being interpreted as a formula.
+    """Return a string for a CSV cell. It is shortened if it is too long, and spreadsheets do not read it as a formula.
 
-    A text that a spreadsheet would read as a formula gets a leading apostrophe (OWASP, "CSV Injection").
+    A string that would be read as a formula gets a leading apostrophe (OWASP, "CSV Injection").
     """
     text = printable(text, most=LONGEST_TEXT)
     return f"'{text}" if text.lstrip(" \N{NO-BREAK SPACE}").startswith(_FORMULA_STARTS) else text
@@ -210,7 +210,7 @@ _FORMULA_STARTS = tuple("=+-@\t\r\n\N{FULLWIDTH EQUALS SIGN}\N{FULLWIDTH PLUS SI
 
 
 def latex_text(text: str) -> str:
-    """Escape a text for LaTeX. Control characters become spaces."""
+    """Escape a string for LaTeX. Control characters become spaces."""
     return "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
 
 

@@ -171,7 +171,7 @@ def test_a_file_of_somebody_else_stays_as_it_is(made, tmp_path, capsys, name):
     out.write_bytes(FOREIGN)
     text = said(capsys, words)
     assert f"{out}: a file that better {words[0]} did not write already exists here and is not replaced." in text
-    assert text.endswith("Give another file name, or give --overwrite.")
+    assert text.endswith("Choose a different file name, or pass --overwrite.")
     assert out.read_bytes() == FOREIGN
     assert [p.name for p in tmp_path.iterdir()] == [out.name]
     assert main([*words, "--overwrite"]) == 0

@@ -55,7 +55,7 @@ def test_a_form_is_read_from_bytes_and_from_a_value():
         (b'[{"count": 101, "sizes": []}]', "f.json: [0]: there are too many. Mend it."),
         (
             b'[{"count": 1, "sizes": [], "count": 2}]',
-            "f.json: count: is given twice. Give it only once. Mend it.",
+            "f.json: count: is given twice. Keep only one of the values. Mend it.",
         ),
         (b"[" * 5000, "f.json: is not JSON (recursion limit exceeded at line 1 column 202). Mend it."),
         (b"\xff", "f.json: is not JSON (expected value at line 1 column 1). Mend it."),

@@ -110,7 +110,7 @@ def test_an_episode_given_up_is_run_again_by_the_same_run(tmp_path):
 
 def test_a_run_is_not_mixed_with_another_one(tmp_path):
     ExternalRun(plan(), tmp_path / "run").close()
-    with pytest.raises(RunConflictError, match=r'plan.policy is "mine" there but "yours" here'):
+    with pytest.raises(RunConflictError, match=r'plan.policy is "mine" in the folder but "yours" in the request'):
         ExternalRun(plan("yours"), tmp_path / "run")
     with pytest.raises(RunConflictError, match="checkpoint"):
         ExternalRun(plan(), tmp_path / "run", metadata={"checkpoint": "later"})

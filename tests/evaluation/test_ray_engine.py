@@ -255,7 +255,7 @@ def test_what_a_lost_worker_was_at_is_done_again(play, name, caplog):
 
 def test_workers_that_are_lost_again_and_again_are_one_line(play):
     ray = FakeRay(*[Actor(prepared=lost("ActorDiedError"))] * MAX_DEATHS_IN_A_ROW)
-    with pytest.raises(WorkerError, match="12 workers of the cluster died in a row") as caught:
+    with pytest.raises(WorkerError, match="12 workers of the cluster died one after another") as caught:
         play(ray)
     one_line(caught.value)
 

@@ -383,7 +383,7 @@ def _get_ready_and_leave(settings, connection):
     ("work", "text"),
     [
         (_leave, r"3 worker processes died during their start \(exit status 3\)"),
-        (_get_ready_and_leave, r"2 worker processes died in a row \(exit status 3\)"),
+        (_get_ready_and_leave, r"2 worker processes died one after another \(exit status 3\)"),
     ],
 )
 def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch, work, text):

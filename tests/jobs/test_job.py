@@ -172,10 +172,13 @@ def test_a_folder_with_other_files_or_another_job_is_refused(tmp_path):
     same = functools.partial(require_same, place, {"a": {"b": 1}}, what="run", where="plan", cures={"c": "Try c"})
     same(asked={"a": {"b": 1}})
     with pytest.raises(
-        RunConflictError, match=r"contains a different run: plan\.a\.b is 1 there but 2 here\. Use the same"
+        RunConflictError,
+        match=r"contains a different run: plan\.a\.b is 1 in the folder but 2 in the request\. Use the same",
     ):
         same(asked={"a": {"b": 2}})
-    with pytest.raises(RunConflictError, match=r"plan\.c is absent there but 3 here\. Try c, or choose"):
+    with pytest.raises(
+        RunConflictError, match=r"plan\.c is absent in the folder but 3 in the request\. Try c, or choose"
+    ):
         same(asked={"a": {"b": 1}, "c": 3})
 
 

@@ -44,7 +44,7 @@ def test_workers_that_die_one_after_the_other_end_the_work():
     book = ledger()
     for _ in range(MAX_DEATHS_IN_A_ROW - 1):
         assert book.worker_died([], "exit status 3") == []
-    with pytest.raises(WorkerError, match=r"^12 helpers died in a row \(exit status 3\)\. Ask for fewer\.$"):
+    with pytest.raises(WorkerError, match=r"^12 helpers died one after another \(exit status 3\)\. Ask for fewer\.$"):
         book.worker_died([], "exit status 3")
 
 

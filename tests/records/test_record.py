@@ -175,7 +175,7 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
         ({"action": np.zeros(3)}, r"action: has the shape \(3,\), expected \(7,\)"),
         ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), expected \(7,\)"),
         ({"applied": None}, "action: is missing in row 1, or given in row 0"),
-        ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
+        ({"predicates": (True,)}, "Pass 2 predicates and 2 subgoals"),
         ({"other_scene": True}, "state.info: differs from the scene"),
     ],
 )
@@ -207,7 +207,7 @@ def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state
     builder.append_truth(**truths[0])
     with pytest.raises(InvalidInputError, match="predicates, subgoals: only 1 of 2 rows have"):
         builder.finish(termination="step_limit", success=False)
-    with pytest.raises(InvalidInputError, match="Give 2 predicates and 2 subgoals"):
+    with pytest.raises(InvalidInputError, match="Pass 2 predicates and 2 subgoals"):
         builder.append_truth(predicates=(True,), subgoals=(), goal=False)
     builder.append_truth(**truths[1])
     with pytest.raises(InvalidInputError, match="all 2 rows already have their relations"):
@@ -247,7 +247,7 @@ def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
             RecordError, match=r"7\.parquet: the (file|record) is damaged .*Repeat the command of the run to record"
         ):
             read_record(path)
-    with pytest.raises(RecordError, match=r"is a folder and not a file\. Give a record of a run"):
+    with pytest.raises(RecordError, match=r"is a folder and not a file\. Use a record of a run"):
         read_record(tmp_path)
 
 
@@ -261,7 +261,7 @@ def test_a_record_that_was_cut_short_or_changed_is_to_be_copied_again(make_recor
                 RecordError, match=r"7\.parquet: the (file|record) is damaged \(.*\)\. Copy it again"
             ) as problem:
                 read_record(path, digest=digest)
-            assert "Give a record" not in str(problem.value)
+            assert "Use a record" not in str(problem.value)
     for bad in (b"", b"not parquet", b"PAR1" * 5):
         path.write_bytes(bad)
         with pytest.raises(RecordError, match=r"is damaged \(.*\)\. Copy it again"):
@@ -343,7 +343,7 @@ def test_a_changed_document_is_refused(make_record, tmp_path, change, message) -
 def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     path = tmp_path / "r.parquet"
     pq.write_table(pa.table({"a": [1, 2]}), path)
-    with pytest.raises(RecordError, match=r"is damaged or not a record\. Give a record of a run"):
+    with pytest.raises(RecordError, match=r"is damaged or not a record\. Use a record of a run"):
         read_record(path)
     reseal(pa.table({"a": [1, 2]}, metadata={"other": "x"}), path)
     with pytest.raises(RecordError, match="is a Parquet file but not a record"):

@@ -95,7 +95,7 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
     lines = [json.loads(line) for line in path.read_bytes().splitlines()]
     old = [{name: value for name, value in line.items() if name not in ("link", "record")} for line in lines]
     path.write_text("".join(f"{json.dumps(line)}\n" for line in old), encoding="utf-8")
-    with pytest.raises(RecordError, match="line 3 finishes fast_food/R1/0 again, after line 2"):
+    with pytest.raises(RecordError, match="line 3 says that fast_food/R1/0 is finished, as line 2 already does"):
         read_journal(path)
 
 
@@ -278,13 +278,19 @@ def test_the_same_plan_resumes_and_keeps_the_first_context(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("plan", "message"),
     [
-        ({**PLAN, "trials": 50}, r"plan\.trials is 20 there but 50 here"),
-        ({**PLAN, "trials": 20.0}, r"plan\.trials is 20 there but 20\.0 here"),
-        ({**PLAN, "suite": {"version": "1.1"}}, r'plan\.suite\.version is "1\.0" there but "1\.1" here'),
+        ({**PLAN, "trials": 50}, r"plan\.trials is 20 in the folder but 50 in the request"),
+        ({**PLAN, "trials": 20.0}, r"plan\.trials is 20 in the folder but 20\.0 in the request"),
+        (
+            {**PLAN, "suite": {"version": "1.1"}},
+            r'plan\.suite\.version is "1\.0" in the folder but "1\.1" in the request',
+        ),
         ({**PLAN, "tasks": ["fast_food", "tidy_desk"]}, r"plan\.tasks\[1\]"),
-        ({**PLAN, "tasks": ["fast_food"]}, r"the length of plan\.tasks is 2 there but 1 here"),
-        ({k: v for k, v in PLAN.items() if k != "policy"}, r"plan\.policy is .* there but absent here"),
-        ({**PLAN, "a": None, "zzz": 1}, r"plan\.a is absent there but null here"),
+        ({**PLAN, "tasks": ["fast_food"]}, r"the length of plan\.tasks is 2 in the folder but 1 in the request"),
+        (
+            {k: v for k, v in PLAN.items() if k != "policy"},
+            r"plan\.policy is .* in the folder but absent in the request",
+        ),
+        ({**PLAN, "a": None, "zzz": 1}, r"plan\.a is absent in the folder but null in the request"),
     ],
 )
 def test_another_plan_is_refused_with_the_first_difference(tmp_path, plan, message) -> None:
@@ -334,16 +340,16 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
-    with pytest.raises(RecordError, match=r"File name too long. Give the --out folder of the run"):
+    with pytest.raises(RecordError, match=r"File name too long. Pass the --out folder of the run"):
         RunFolder.open(tmp_path / ("x" * 300))
-    with pytest.raises(RecordError, match=r"contains no run .*Give the --out folder of a run"):
+    with pytest.raises(RecordError, match=r"contains no run .*Pass the --out folder of a run"):
         RunFolder.open(tmp_path)
 
 
 def test_a_folder_of_runs_is_no_run_and_the_error_names_them(tmp_path) -> None:
     for name in ("sources", "demonstrations"):
         RunFolder.start(tmp_path / name, PLAN)
-    with pytest.raises(RecordError, match=r"Give a run inside it: .*demonstrations, .*sources"):
+    with pytest.raises(RecordError, match=r"Pass a run inside it: .*demonstrations, .*sources"):
         RunFolder.open(tmp_path)
 
 

@@ -262,6 +262,6 @@ def test_verbs_of_policies_say_that_a_static_run_has_no_trials(verb, data, tmp_p
     out = run_of(data, tmp_path / "a", 1.0)
     assert main([verb, str(out)]) == 2
     assert (
-        "contains a static evaluation instead of trials of a policy. Give a run of better eval"
+        "contains a static evaluation instead of trials of a policy. Pass the folder of a run made with `"
         in capsys.readouterr().err
     )

@@ -103,7 +103,7 @@ def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos
     for name in ("set.json", "summary.json", "questions.jsonl"):
         (copy / name).write_bytes((made.path / name).read_bytes())
     plan = json.loads((copy / "set.json").read_text())
-    for change, said in (({key: "0" * 64}, f'{key} is "000'), ({}, f"{key} is absent there")):
+    for change, said in (({key: "0" * 64}, f'{key} is "000'), ({}, f"{key} is absent in the folder")):
         told = {**plan, "records": {k: v for k, v in {**plan["records"], **change}.items() if change or k != key}}
         (copy / "set.json").write_text(json.dumps(sealed_form(told)))
         with pytest.raises(RunConflictError, match=said):
@@ -182,7 +182,7 @@ def test_a_set_has_its_files_in_both_forms(made):
 
 
 def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
-    with pytest.raises(RunConflictError, match=r"set\.options\.seed is 0 there but 1 here"):
+    with pytest.raises(RunConflictError, match=r"set\.options\.seed is 0 in the folder but 1 in the request"):
         make_set(run, made.path, replace(OPTIONS, seed=1), open_photos=photos)
     (tmp_path / "other.txt").touch()
     with pytest.raises(RunConflictError, match="contains other files"):

@@ -1,10 +1,11 @@
 """Action spaces: what each number in an action means. Both sides of a policy handshake compare these declarations.
 
-The gripper is the last number of every action space. In most of them, a positive number closes the gripper, a negative
-number opens it, and zero keeps the last commanded width. Only the sign matters, and the fingers move at a finite speed.
-LIBERO and robosuite policies expect the same convention (robosuite adds ``sign(action)`` times a speed to the commanded
-width at every control step). CALVIN's own action spaces use the opposite sign (:data:`CALVIN_RELATIVE`) and are
-available only in CALVIN. LeRobot's action spaces of the SO-101 set the opening itself (:data:`OPENING_SPACES`).
+The last number of every action controls the gripper. In most action spaces, a positive number closes the gripper, a
+negative number opens it, and zero keeps the last commanded width. Only the sign matters, and the fingers move at a
+finite speed. LIBERO and robosuite policies expect the same convention (robosuite adds ``sign(action)`` times a speed to
+the commanded width at every control step). CALVIN's own action spaces use the opposite sign (:data:`CALVIN_RELATIVE`)
+and are available only in CALVIN. LeRobot's action spaces for the SO-101 set the opening width directly
+(:data:`OPENING_SPACES`).
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class ActionSpace:
         units: Unit of each number after multiplication by its scale ("m", "rad", "1").
         low: Smallest allowed value of each number. Smaller values are clipped, except in CALVIN (:attr:`clips`).
         high: Largest allowed value of each number. Larger values are clipped, except in CALVIN.
-        scale: Size of one unit of each number, in ``units``.
+        scale: Factor that converts each number to its unit in ``units``.
         convention: Description of the frame, the reference and the polarity. Descriptions are compared at every
             handshake.
     """
@@ -72,7 +73,7 @@ class ActionSpace:
                 raise InvalidInputError(
                     where,
                     f"{part} has {len(getattr(self, part))} entries for {len(self.components)} components",
-                    "Give one entry per component",
+                    "Use one entry per component",
                 )
         if not all(
             math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)
@@ -93,12 +94,12 @@ class ActionSpace:
 
     @property
     def is_delta(self) -> bool:
-        """Whether actions are changes, so that zero means no motion, rather than absolute targets."""
+        """Whether actions are relative (zero means no motion) rather than absolute targets."""
         return self.name in _DELTAS
 
     @property
     def clips(self) -> bool:
-        """Whether numbers that are out of bounds are clipped. In CALVIN's action spaces, they are only counted."""
+        """Whether out-of-bounds numbers are clipped. In CALVIN's action spaces, they are only counted."""
         return self.name not in WORLD_ACTION_SPACES
 
     def clip(self, action: object) -> np.ndarray:
@@ -192,7 +193,7 @@ _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 
 def _twist(name: str, reference: str) -> ActionSpace:
-    """Return an action space whose actions add a translation and a rotation vector to a reference pose."""
+    """Return an action space in which actions add a translation and a rotation vector to a reference pose."""
     return ActionSpace(
         name=name,
         components=_TWIST,
@@ -330,7 +331,7 @@ _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 
 
 def _calvin(name: str, rotation: tuple[str, ...], convention: str) -> ActionSpace:
-    """Return an action space of CALVIN in meters and radians, whose actions are not clipped."""
+    """Return an action space of CALVIN, in meters and radians and without clipping."""
     components = ("x", "y", "z", *rotation, "gripper")
     units = ("m",) * 3 + ("rad" if len(rotation) == len("xyz") else "1",) * len(rotation) + ("1",)
     bound = (_UNBOUNDED,) * len(components)

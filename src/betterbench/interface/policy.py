@@ -28,10 +28,10 @@ class Execution:
 
     Attributes:
         horizon: Number of actions executed from each chunk before the next request. If it is None, all are executed.
-        ahead: Number of control steps before the end of a chunk at which the next chunk is requested. The rest of the
-            old chunk is executed in the meantime. The same number of actions is dropped from the beginning of the new
-            chunk, because the control steps for which they were meant have passed. If ``ahead`` is 0, the simulation
-            waits for every reply.
+        ahead: How many control steps before the end of a chunk the next chunk is requested. The rest of the old chunk
+            is executed in the meantime. The same number of actions is dropped from the beginning of the new chunk,
+            because they were meant for control steps that have passed. If ``ahead`` is 0, the simulation waits for
+            every reply.
         ensemble: Rate m of temporal ensembling, or None for no ensembling. With ensembling, the policy is called at
             every step. The action for a step is the mean of all predictions for it, weighted by exp(-m i) with i = 0
             for the oldest prediction. See Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost
@@ -47,7 +47,7 @@ class Execution:
         for name, kind, words in _EXECUTION_KINDS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, kind):
-                raise InvalidInputError(f"Execution: {name}", f"it is of type {type(value).__name__}", f"Give {words}")
+                raise InvalidInputError(f"Execution: {name}", f"it is of type {type(value).__name__}", f"Use {words}")
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
                 "horizon", f"{self.horizon} is out of range", "The execution horizon must be at least 1"
@@ -86,14 +86,14 @@ class EpisodeStart:
 def episode_number(seed: int) -> int:
     """Return the episode number that policies get for a trial's seed, from 0 to 2**31 - 1.
 
-    The number is a hash of the seed. A trial and its twin, the training trial with the same seed, have the same number.
+    The number is a hash of the seed. A trial and its twin (the training trial with the same seed) get the same number.
     """
     return int.from_bytes(hashlib.sha256(f"betterbench episode {seed}".encode()).digest()[:4], "big") >> 1
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """Description that a policy gives of itself. It is stored with the run.
+    """Information that a policy provides about itself. It is stored with the run.
 
     Attributes:
         name: Address under which the policy was requested, such as "expert".

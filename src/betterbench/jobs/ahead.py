@@ -14,7 +14,7 @@ _PATIENCE_S = 0.2
 
 
 class _End:
-    """Last entry of the prefetching queue.
+    """Marks the end of the prefetching queue.
 
     It contains the error that the iterator raised, or None if there was no error.
     """

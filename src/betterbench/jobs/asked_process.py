@@ -24,8 +24,8 @@ _PIECE = 1 << 20
 class AskedProcess:
     """Child process that answers requests. Requests and replies are sent as frames (:mod:`betterbench.jobs.frames`).
 
-    The process has a session of its own. It therefore does not receive signals that are sent to the run, such as
-    Ctrl-C, and the run does not receive signals that are sent to the process.
+    The process has a session of its own. Signals sent to the run, such as Ctrl-C, therefore do not reach the process,
+    and signals sent to the process do not reach the run.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class AskedProcess:
 
     @property
     def waits(self) -> bool:
-        """Whether the process waits for a request, i.e. it is running and has not sent an unexpected frame."""
+        """Whether the process is ready for a request, i.e. it is running and has not sent an unexpected frame."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -112,7 +112,7 @@ class AskedProcess:
                 raise FrameError(f"expected frame number {self._asked}, got {number}")
 
     def sendall(self, data: bytes) -> None:
-        """Send all bytes. Raises TimeoutError if they are not read in time, and OSError if the process has ended."""
+        """Send all bytes. Raises TimeoutError if they are not received in time and OSError if the process has ended."""
         left = memoryview(data)
         while left:
             self._require_time()
@@ -123,7 +123,7 @@ class AskedProcess:
                     raise BrokenPipeError("the process has exited") from None
 
     def recv(self, size: int) -> bytes:
-        """Return the next bytes, or empty bytes if the process has ended.
+        """Return the next bytes, or ``b""`` if the process has ended.
 
         Raises TimeoutError if nothing arrives in time.
         """
@@ -142,7 +142,7 @@ class AskedProcess:
             raise TimeoutError
 
     def hang_up(self) -> None:
-        """Tell the process that no more requests will follow."""
+        """Tell the process that there will be no more requests."""
         with contextlib.suppress(OSError):
             self._link.shutdown(socket.SHUT_WR)
 

@@ -18,9 +18,9 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
 
     Args:
         path: Folder of the job.
-        what: Kind of job for the message, such as "run".
+        what: Kind of job, for the message ("run").
         file: Name of the file that describes a job. A folder that contains this file is not checked.
-        besides: Names of files that a job may leave behind if it fails to start. They are accepted.
+        besides: Names of files that are accepted, because a job may leave them behind if it fails to start.
     """
     if path.exists() and not path.is_dir():
         raise RunConflictError(f"{path}: this is a file. Choose a folder for the {what}.")
@@ -49,23 +49,23 @@ def require_same(
         path: Folder of the job.
         there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
-        what: Kind of job for the message, such as "run".
-        where: Name of the description for the message, such as "plan".
+        what: Kind of job, for the message ("run").
+        where: Name of the description, for the message ("plan").
         cure: Remedy that lets the user resume the job.
-        cures: Remedies that replace ``cure``, by the first field of the description that differs.
+        cures: Remedies to use instead of ``cure``, keyed by the first field of the description that differs.
     """
     difference = first_difference(there, asked, where)
     if difference is not None:
         place, stored, wanted = difference
         field = place.removeprefix(f"{where}.").split(".")[0]
         raise RunConflictError(
-            f"{path}: this folder contains a different {what}: {place} is {stored} there but {wanted} here. "
-            f"{(cures or {}).get(field, cure)}, or choose a different folder."
+            f"{path}: this folder contains a different {what}: {place} is {stored} in the folder "
+            f"but {wanted} in the request. {(cures or {}).get(field, cure)}, or choose a different folder."
         )
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Compare two JSON values. Return the path of their first difference, and both values at that path as text.
+    """Compare two JSON values. Return the path of the first difference, and both values at that path as strings.
 
     Return None if the two JSON values are equal. Keys are compared in sorted order.
     """

@@ -1,8 +1,8 @@
 """Journals of the decisions that people make in a review: changes, verdicts, and undos of earlier decisions.
 
-A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The decisions about a subject
-all contain its content hash, and together they form its history. Each package whose subjects are reviewed defines the
-possible changes.
+A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). Each decision contains the
+content hash of its subject. All decisions about a subject together form its history. Each package that uses this module
+defines which changes are possible.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ CURE = "Restore the file from a copy, or rename it and make the decisions again"
 """Remedy to suggest for a damaged journal."""
 
 Author = Annotated[str, Field(min_length=1, max_length=80)]
-"""Name of the person who decided."""
+"""Name of the person who made the decision."""
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
 """Time of a decision: UTC, ISO 8601."""
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -36,7 +36,7 @@ _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict of a person: accept an item unchanged, accept it after fixing it, or reject it with a reason."""
+    """Verdict of a reviewer: accept an item unchanged, accept it after fixing it, or reject it and give a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -62,11 +62,11 @@ class DecisionLine(Protocol):
 
     @property
     def author(self) -> str:
-        """Name of the person who decided."""
+        """Name of the person who made the decision."""
 
     @property
     def time(self) -> str:
-        """Time of the decision: UTC, ISO 8601."""
+        """Time of the decision (UTC, ISO 8601)."""
 
     @property
     def content(self) -> str:
@@ -81,7 +81,7 @@ class DecisionLine(Protocol):
         """Name of the subject, for display."""
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why this decision cannot follow the given number of changes, or "" if it can."""
+        """Return why this decision is not allowed after the given number of changes, or "" if it is allowed."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)
@@ -89,7 +89,7 @@ LineT = TypeVar("LineT", bound=DecisionLine)
 
 @dataclass(frozen=True, slots=True)
 class History(Generic[LineT]):
-    """Active decisions about one subject.
+    """Decisions about one subject, without those that were undone.
 
     Attributes:
         reviews: Decisions that were not undone, with their line numbers.
@@ -99,7 +99,7 @@ class History(Generic[LineT]):
 
     @property
     def changes(self) -> tuple[Any, ...]:
-        """The changes among the active decisions, in order."""
+        """All changes that were not undone, in order."""
         return tuple(r.decision for _, r in self.reviews if not isinstance(r.decision, Verdict | Undo))
 
     @property
@@ -117,8 +117,8 @@ class History(Generic[LineT]):
         """Return the history after one more decision.
 
         Raises:
-            RecordError: If an undo does not refer to the last active decision, or if a verdict does not match the
-                changes.
+            RecordError: If an undo does not refer to the last active decision, or if a verdict is not allowed after the
+                changes made so far.
         """
         decision = review.decision
         if isinstance(decision, Undo):
@@ -147,7 +147,7 @@ def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]
 
 
 class DecisionJournal(LineJournal, Generic[LineT]):
-    """Journal of decisions to which one process at a time can append. Subclasses define the format of the lines.
+    """Journal of decisions. Only one process at a time can append to it. Subclasses define the format of the lines.
 
     An incomplete last line is removed when the journal is opened.
 
@@ -160,7 +160,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
     """Validator of a line."""
 
     def __init__(self, path: Path) -> None:
-        """Open the journal, or create it if the file does not exist."""
+        """Open the journal. Create the file if it does not exist."""
         self._where, self._link, self._reviews = str(path), "", list[LineT]()
         self._histories: dict[str, History[LineT]] = {}
         super().__init__(path, alone=True)
@@ -186,7 +186,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         Raises:
             InvalidInputError: If a field of the decision is not valid.
         """
-        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Give a valid value")
+        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Use a valid value")
 
     def append(self, review: LineT) -> History[LineT]:
         """Append a decision, sync it to disk, and return the history of its subject.
@@ -208,12 +208,12 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @staticmethod
     def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
-        """Return the JSON object of a line."""
+        """Return the JSON object that represents a line of the journal."""
         return asdict(review)
 
 
 def now() -> str:
-    """Return the current time in the form that decisions use (UTC, ISO 8601)."""
+    """Return the current time in the format of the decisions (UTC, ISO 8601)."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
@@ -224,7 +224,7 @@ def read_decisions(adapter: TypeAdapter[LineT], path: Path) -> tuple[LineT, ...]
         RecordError: If the file is missing, was edited by hand, or has a different format.
     """
     if not path.exists():
-        raise RecordError(f"{path} does not exist. Give a file that `better review` has written.")
+        raise RecordError(f"{path} does not exist. Choose a file that `better review` has written.")
     lines, _ = complete_lines(path)
     return tuple(review for review, _ in _parsed(adapter, path, lines))
 

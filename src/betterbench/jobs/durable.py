@@ -27,7 +27,7 @@ _PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL
 class DurableFile:
     """File that is written under a temporary name and moved to its path when it is finished.
 
-    The context manager removes the file if it is unfinished at the end. Readers see either the old or the new file,
+    If the file is unfinished when the context manager exits, it is removed. Readers see either the old or the new file,
     never a partial one. Missing folders are created.
 
     Attributes:
@@ -106,7 +106,7 @@ def is_part(path: Path) -> bool:
 
 
 def remove_parts(folder: Path) -> None:
-    """Delete the unfinished files that killed processes have left in a locked folder and its subfolders.
+    """Delete unfinished files that killed processes left behind in a locked folder and its subfolders.
 
     Subfolders that another process has locked are skipped.
     """
@@ -119,7 +119,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def remove_parts_of(file: Path) -> None:
-    """Delete the unfinished files that killed processes have left of one file. The caller must hold the file's lock."""
+    """Delete unfinished versions of a file that killed processes left behind. The caller must hold the file's lock."""
     for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
         if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
             part.unlink(missing_ok=True)
@@ -129,7 +129,7 @@ def remove_parts_of(file: Path) -> None:
 def on_disk(path: Path) -> Iterator[None]:
     """Context manager that converts errors of a full, broken or read-only disk into a StorageError.
 
-    Such an error affects all further writes.
+    After such an error, all further writes would fail too.
     """
     try:
         yield

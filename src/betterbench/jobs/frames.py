@@ -1,9 +1,9 @@
 """Frames: messages between a run and a policy process or simulator.
 
-A frame consists of a JSON document and arrays, without pickle.
+A frame consists of a JSON document and arrays. Pickle is not used.
 
-The process of a simulator also imports this file, in an environment without betterbench. The file therefore imports
-only the standard library and NumPy.
+Simulator processes also import this file, and betterbench is not installed in their environments. The file therefore
+imports only the standard library and NumPy.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 class FrameError(Exception):
-    """The process at the other end has closed the connection, or has sent bytes that are not a frame."""
+    """The process at the other end has closed the connection, or the bytes that it sent are not a frame."""
 
 
 class FrameEndError(FrameError):
@@ -49,24 +49,24 @@ class FrameEndError(FrameError):
 
 
 class FrameTimeoutError(FrameError):
-    """The process at the other end did not send or read in time."""
+    """The process at the other end did not send or receive data in time."""
 
 
 class Link(Protocol):
-    """Socket, or an object that has the same methods and observes a deadline."""
+    """Socket, or an object with the same methods that enforces a deadline."""
 
     def sendall(self, data: bytes, /) -> None:
         """Send all bytes."""
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next bytes, or empty bytes if the other process has ended."""
+        """Return the next bytes, or ``b""`` if the other process has ended."""
 
 
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
     """Send a frame, i.e. a JSON document and named arrays.
 
     A request and its reply have the same ``number``. For an array of Python objects, only the shape is sent. Raises
-    FrameError if the other process has ended or does not read in time.
+    FrameError if the other process has ended or does not receive the frame in time.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()
@@ -149,10 +149,10 @@ _DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
 def _forms_text(
     names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
-    """Return a JSON description of the arrays, and the types to which they must be converted, or None.
+    """Return a JSON description of the arrays, and the types to which the arrays must be converted before sending.
 
-    Conversion is needed if an array has another byte order. The result is cached, because most frames have the same
-    arrays as the frame before.
+    The types are None if no array has to be converted. Conversion is needed for big-endian arrays and for arrays of
+    Python objects. The result is cached, because most frames have the same arrays as the frame before.
     """
     kinds = [kind.newbyteorder("<") for kind, _ in forms]
     shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}
@@ -162,7 +162,7 @@ def _forms_text(
 
 @lru_cache(maxsize=64)
 def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
-    """Return the name, type, shape and offset of each array, and the end of the last array [byte]."""
+    """Return the name, type, shape and offset of each array, and the end offset of the last array [byte]."""
     found, at = [], 0
     for name, (kind, shape) in _loaded(text).items():
         known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))

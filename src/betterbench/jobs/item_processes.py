@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
     """Process items in worker processes, and yield each result when its item is finished.
 
-    If a worker process dies, the items that it was processing are retried one at a time.
+    If a worker process dies, its unfinished items are retried one at a time.
 
     If there is only one worker or only one item, no worker process is started.
 
@@ -55,8 +55,8 @@ def _pooled(
 ) -> Iterator[FoundT]:
     """Yield the results of one process pool.
 
-    ``pending`` contains the items that the pool is processing. While there are suspects, i.e. items whose worker died,
-    it contains only one of them at a time.
+    ``pending`` contains the items that the pool is processing. Items whose worker died are suspects. As long as there
+    are suspects, only one suspect is processed at a time, and nothing else.
     """
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")

@@ -15,10 +15,10 @@ MOST_THREADS = 256
 
 
 class Stoppable(Protocol):
-    """Resource of a thread, such as a renderer, that can be stopped from another thread."""
+    """Resource of a thread that can be stopped from another thread, such as a renderer."""
 
     def stop(self) -> None:
-        """Make threads that are waiting for the resource fail soon, so that they can end."""
+        """Make threads that are waiting for the resource stop waiting and fail, so that they can end."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):
@@ -49,7 +49,8 @@ def in_threads(
 
     Items are started in order, and at most ``workers`` of them run at a time. After an error or Ctrl-C, or when the
     iterator is closed, no further item is started and the resources are stopped. The error is raised after all threads
-    have ended. With ``in_order``, all results before the first unfinished item are yielded before the error is raised.
+    have ended. If ``in_order`` is True, all results before the first unfinished item are yielded before the error is
+    raised.
 
     Args:
         items: Items to process.

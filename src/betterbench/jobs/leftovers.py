@@ -15,7 +15,7 @@ _ROUNDS = 5
 
 
 def end_leftovers(variable: str, value: str, session: int) -> None:
-    """End all processes of a session, and all processes in whose environment ``variable`` has the given value.
+    """End all processes of a session, and all processes with the given value of the environment variable ``variable``.
 
     A child process may leave the process group and the session of its parent, but it keeps the environment. On a system
     without ``/proc``, this function does nothing.

@@ -41,7 +41,7 @@ _PIPE_BYTES = 1 << 20
 
 
 class LimitedProcessError(BetterError):
-    """A limited process did not reply. The message gives the reason as a clause, such as "it took more than 60 s"."""
+    """A limited process did not reply. The message gives the reason, such as "it took more than 60 s"."""
 
 
 class ProcessEndedError(LimitedProcessError):
@@ -65,8 +65,8 @@ class LimitedProcess:
         """Start a process.
 
         Args:
-            main: Function that the process calls ("module:function"), with the arguments as strings. In the end, the
-                function must call :func:`answer_requests`.
+            main: Function that the process calls ("module:function"), with the arguments as strings. The last thing
+                that the function does must be to call :func:`answer_requests`.
             arguments: Arguments of the function.
             cpu_s: CPU time limit of a request [s]. This class only mentions the limit in messages;
                 :func:`answer_requests` enforces it.
@@ -99,13 +99,13 @@ class LimitedProcess:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended or was told to end."""
+        """Whether the process has ended or has been asked to end."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
         """End the process. This method may be called from another thread.
 
-        A thread that is waiting for the process then gets a LimitedProcessError.
+        If a thread is waiting for the process, LimitedProcessError is raised in that thread.
         """
         self._told_to_end = True
         self._process.kill()
@@ -133,7 +133,7 @@ class LimitedProcess:
             raise self._ended() from None
 
     def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
-        """Return the reply, which must have at most ``most`` bytes, within a time limit [s].
+        """Wait for the reply for up to a time limit [s], and return it. It may have at most ``most`` bytes.
 
         Raises:
             LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. The process
@@ -191,8 +191,8 @@ _MAIN = "import sys; from {module} import {function}; {function}(*sys.argv[1:])"
 class _Patience:
     """Remaining time to wait for a process [s].
 
-    The clock continues while Ctrl-Z stops both processes. The wait is therefore divided into slices, and each slice
-    counts with at most its nominal duration.
+    The clock keeps running while both processes are suspended by Ctrl-Z. The wait is therefore divided into slices, and
+    each slice reduces the remaining time by at most its nominal duration.
     """
 
     left_s: float
@@ -221,7 +221,7 @@ def _error_of(kind: int, said: bytes) -> BetterError:
 
 
 def _end_in_words(status: int | None, cpu_s: float) -> str:
-    """Describe the exit status of a process. A negative status is the number of a signal."""
+    """Describe the exit status of a process. A negative status means that a signal ended the process."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:

@@ -32,16 +32,16 @@ logger = logging.getLogger(__name__)
 
 
 class LineJournal:
-    """Journal of JSON lines to which one process at a time can append.
+    """Journal of JSON lines. Only one process at a time can append to it.
 
     Opening a journal locks its folder, and raises RunConflictError if another process holds the lock. The complete
-    lines are then passed to :meth:`_take_in`, and an incomplete last line that a killed process has left is removed.
+    lines are then passed to :meth:`_take_in`, and an incomplete last line, left behind by a killed process, is removed.
     When :meth:`_append_line` returns, the line is on disk, unless ``within_s`` is used. If another program removes,
     replaces or truncates the file, it is written again.
 
-    With ``alone``, only the file is locked, not its folder. If the folder is removed, StorageError is raised. With
-    ``renews``, the folder and the journal are created again instead. This is for a caller that also restores the other
-    files.
+    If ``alone`` is True, only the file is locked, not its folder. If the folder is removed, StorageError is raised. If
+    ``renews`` is True, the folder and the journal are created again instead. Use this only if the caller also restores
+    the other files in the folder.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
@@ -72,11 +72,11 @@ class LineJournal:
         return self._length == 0
 
     def _take_in(self, lines: list[bytes]) -> None:
-        """Read the existing lines when the journal is opened."""
+        """Process the existing lines when the journal is opened."""
         raise NotImplementedError
 
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
-        """Append a JSON value and sync it to disk. If this raises OSError, the file is unchanged.
+        """Append a JSON value and sync it to disk. If OSError is raised, the file is unchanged.
 
         The sync is skipped if the last one was less than ``within_s`` [s] ago. Even then, no line is lost if the
         process is killed, but a power failure may lose some lines.
@@ -116,7 +116,7 @@ class LineJournal:
         return True
 
     def _stands_there(self, handle: int) -> bool:
-        """Return whether the open file is still at its path and has the expected length."""
+        """Return whether the open file is still at its path and still has the expected size."""
         ours = os.fstat(handle)
         try:
             there = os.lstat(self._path)
@@ -197,7 +197,7 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Raise RecordError unless ``begun`` is the beginning of a line, or a zero byte as left by a machine crash."""
+    """Raise RecordError unless ``begun`` is the beginning of a line, or a zero byte left behind by a machine crash."""
     if begun not in (b"{", b"\0"):
         raise RecordError(
             f"{path}: the end of the file is not an unfinished journal line. Restore the file from a copy."

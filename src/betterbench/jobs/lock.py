@@ -26,7 +26,7 @@ _PAUSE_S = 0.02  # longer than a check of the lock by another process
 def is_locked(path: Path) -> bool:
     """Return whether a running process holds the lock of a run.
 
-    Locks that processes on other machines hold are detected if the file system shares locks.
+    Locks held by processes on other machines are detected if the file system shares locks.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -49,7 +49,7 @@ class HeldFolder:
 
     Attributes:
         lock: Path of the lock file.
-        output: Locked path as the user gave it.
+        output: Locked path as given by the user.
         identity: Device and inode of the lock file.
     """
 
@@ -69,13 +69,13 @@ class HeldFolder:
 
 
 class RunLock:
-    """Exclusive lock on a run folder. It is released no later than when the process ends.
+    """Exclusive lock on a run folder. It is released when the process ends, at the latest.
 
-    The kernel holds the lock. The lock file remains, but after a crash nothing has to be cleaned up. Forked processes
+    The kernel manages the lock. The lock file remains, but nothing has to be cleaned up after a crash. Forked processes
     do not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
     (:mod:`betterbench.jobs.places`). If the folder is removed or moved, further writes fail (:func:`require_held`),
-    because earlier files would be missing. With ``renews``, the lock is taken again instead. This is for a caller that
-    writes the earlier files again. If ``output`` is given, messages name it instead of the folder.
+    because earlier files would be missing. If ``renews`` is True, the lock is taken again instead. Use this only if the
+    caller writes the earlier files again. If ``output`` is given, messages name it instead of the folder.
 
     Raises:
         RunConflictError: If another process holds the lock and ``waits`` is False.
@@ -101,7 +101,7 @@ class RunLock:
         self._guard()
 
     def _noted(self, *, waits: bool) -> int:
-        """Lock the file, write the id of this process into it, and return its descriptor."""
+        """Lock the file, write the id of this process to it, and return the file descriptor."""
         with naming(self._locked):
             handle = self._taken(waits=waits)
             try:
@@ -138,7 +138,8 @@ class RunLock:
     def for_workers(self) -> HeldFolder | None:
         """Reference to the locked folder for worker processes.
 
-        It is None if the lock is not held, or if the lock is taken again when its folder is removed (``renews``).
+        It is None if the lock is not held, or if the lock was created with ``renews``, i.e. is taken again when its
+        folder is removed.
         """
         if self._handle is None or not self._is_folder or self._renews:
             return None
@@ -147,7 +148,7 @@ class RunLock:
 
     @property
     def _locked(self) -> Path:
-        """Locked path as the user gave it."""
+        """Locked path as given by the user."""
         return self._output
 
     def _guard(self) -> None:
@@ -157,7 +158,7 @@ class RunLock:
         unguard(self._folder)
 
     def _taken(self, *, waits: bool) -> int:
-        """Lock the file and return its descriptor, after checking that the locked file is still at its path.
+        """Lock the file, check that the locked file is still at its path, and return the file descriptor.
 
         The previous holder may have removed the file or its folder. A lock on a removed file would not exclude other
         processes.
@@ -190,7 +191,7 @@ class RunLock:
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
-        """Raise StorageError if the folder was removed or moved after it was locked, because files would be missing.
+        """Raise StorageError if the folder was removed or moved after it was locked, because earlier files are missing.
 
         Call this last, just before a command reports that its output is complete.
         """
@@ -241,7 +242,7 @@ class FileLock(RunLock):
 
     @property
     def _locked(self) -> Path:
-        """Locked path as the user gave it."""
+        """Locked path as given by the user."""
         return self._file
 
     def _conflict(self, holder: str) -> str:
@@ -268,7 +269,10 @@ def require_held(path: Path) -> None:
 
 
 def _around() -> list[HeldFolder | RunLock]:
-    """Return a copy of the current locks of this process and its parent, because other threads may change them."""
+    """Return copies of the current locks of this process and its parent.
+
+    The original lists may be changed by other threads.
+    """
     return [*_OF_PARENT, *_HELD]
 
 
@@ -282,7 +286,7 @@ def write_within(folders: Iterable[HeldFolder]) -> None:
 
     If one of them is removed, this process no longer writes into it.
 
-    Without this, a worker would create the removed folder again, and the user could not repeat the command with that
+    Otherwise, a worker would create the removed folder again, and the user could not repeat the command with that
     folder.
     """
     _OF_PARENT.extend(folders)
@@ -311,7 +315,7 @@ def _is_file(path: Path, identity: tuple[int, int]) -> bool:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock. Retry a few times, because another process may only be checking it."""
+    """Take the lock. Retry a few times, because another process may hold it briefly just to check it."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -2,10 +2,10 @@
 
 The rules are the same for every subcommand. A file counts as written by a subcommand if it contains the subcommand's
 mark (:func:`mark_of`), or content that the subcommand recognizes. A folder counts as written by it if the folder's list
-``.written.json`` names the subcommand. A file in such a folder counts if the list contains its SHA-256, so a page that
-was edited does not count. These files are always replaced, other files only with ``--overwrite``. Folders, pipes and
-devices are never replaced. While an output is open, other processes cannot write to it. Unfinished files that killed
-processes have left are deleted.
+``.written.json`` names the subcommand. A file in such a folder counts as written by the subcommand only if the list
+contains its current SHA-256. A file that was edited since then does not. Files written by the same subcommand are
+always replaced, all others only with ``--overwrite``. Folders, pipes and devices are never replaced. While a command
+writes an output, other processes cannot write to it. Unfinished files that killed processes left behind are deleted.
 """
 
 from __future__ import annotations
@@ -85,13 +85,13 @@ def require_replaceable(
 
 def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
     return RunConflictError(
-        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Give another file "
-        "name, or give --overwrite."
+        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Choose a different "
+        "file name, or pass --overwrite."
     )
 
 
 class OutputFile:
-    """Output file of a subcommand. The file is locked while the context manager, which returns its path, is open.
+    """Output file of a subcommand. The context manager locks the file until it exits, and returns its path.
 
     Raises:
         RunConflictError: If an existing file may not be replaced, or if another process is writing it.
@@ -135,7 +135,7 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """Output folder of a subcommand. The folder is locked while the context manager is open.
+    """Output folder of a subcommand. The context manager locks the folder until it exits.
 
     Every :class:`~betterbench.jobs.durable.DurableFile` that this process writes into the folder is checked and listed,
     except in subfolders with a lock of their own.
@@ -145,8 +145,7 @@ class OutputFolder:
         verb: Subcommand that writes the folder.
         overwrite: Whether to accept a folder that contains other files, and to replace them.
         holds: Function that returns whether an unlisted entry, such as a run, belongs in the folder.
-        is_ours: Function that returns whether this subcommand wrote a folder that has no list, for example in an older
-            version.
+        is_ours: Function that returns whether this subcommand wrote a folder without a list, as older versions did.
 
     Raises:
         RunConflictError: If the folder contains other files, if a file in it was changed after it was written, or if
@@ -221,7 +220,7 @@ class OutputFolder:
         if others and not self._takes_all:
             raise RunConflictError(
                 f"{path}: the folder contains {others[0].name}, which better {self._verb} did not write. Choose "
-                "an empty or a new folder, or give --overwrite to replace files with the same names and keep all "
+                "an empty or a new folder, or pass --overwrite to replace files with the same names and keep all "
                 "others."
             )
         known = listed or {}
@@ -230,7 +229,7 @@ class OutputFolder:
         return known
 
     def _listed(self) -> dict[str, tuple[str, ...]] | None:
-        """Return the files that this subcommand has written into the folder, or None if there is no list of them."""
+        """Return the files that this subcommand has written into the folder, or None if the folder has no list."""
         file = self.path / LIST_NAME
         if not file.is_file() or file.is_symlink():
             return None
@@ -256,7 +255,7 @@ class OutputFolder:
     def note(self, path: Path, sha256: str) -> None:
         """List a file that is about to be moved to its path.
 
-        The digest of the file that is replaced stays in the list as well.
+        If it replaces another file, the digest of that file stays in the list as well.
         """
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:

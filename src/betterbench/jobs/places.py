@@ -1,8 +1,8 @@
 """Protection against writing out of an output folder through a symbolic link.
 
-A run folder that is not trusted may contain a link to one of the user's files, which must not be overwritten. While
-this process has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must
-therefore be inside the folder, even after all links are resolved.
+An untrusted run folder may contain a link to one of the user's files, and that file must not be overwritten. While this
+process has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must therefore be
+inside the folder, even after all links are resolved.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on an output folder.
+    """A command's claim to an output folder.
 
     The claim determines which files in the folder the command may replace.
     """
@@ -41,7 +41,7 @@ _GUARDED: dict[Path, list[FolderClaim | None]] = {}
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder: files may be written into it, but not out of it through symbolic links.
+    """Guard a folder, so that symbolic links in it cannot be used to write outside of it.
 
     The folder stays guarded until :func:`unguard` has been called as often as this function.
     """
@@ -92,7 +92,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Make OSErrors name the file or folder that the user gave, instead of a lock file or a temporary file."""
+    """Make OSErrors name the file or folder given by the user instead of a lock file or temporary file."""
     try:
         yield
     except OSError as error:
@@ -103,7 +103,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing in place, or create it, and return its descriptor.
 
-    Journals and locks are modified in place, so a link in their place would cause a different file to be changed.
+    Journals and locks are modified in place. If there were a link at their path, a different file would be changed.
 
     Raises:
         InvalidInputError: If the path is a symbolic link, is not a regular file, or has a second name (a hard link).

@@ -23,11 +23,11 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces the standard output and the standard error of a process.
 
-    The child process does not inherit the standard error of this process, because it could then truncate that file or
-    change its flags.
+    The child process does not inherit the standard error of this process. If it did, and if the standard error were
+    redirected to a file, it could truncate the file or change its flags.
 
     Attributes:
-        theirs: File descriptor of the end of the pipe that the process gets.
+        theirs: The child process's end of the pipe, as a file descriptor.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class ProcessOutput:
         self._thread = threading.Thread(target=self._pass_on, name="policy output", daemon=True)
 
     def begin(self) -> None:
-        """Start forwarding the output. Call this after starting the process."""
+        """Start forwarding the output. Call this after the process has been started."""
         os.close(self.theirs)
         self._thread.start()
 

@@ -18,7 +18,7 @@ Item = TypeVar("Item", bound=Hashable)
 
 
 class RetryLedger(Generic[Item]):
-    """Items that wait for a worker, and the worker deaths so far.
+    """Items that are waiting for a worker, and a count of the workers that died.
 
     The pool of workers takes items from the ledger, and reports finished items and dead workers. The items of a dead
     worker become suspects. Each suspect is retried alone, so that an item that kills its worker does not affect other
@@ -45,7 +45,7 @@ class RetryLedger(Generic[Item]):
 
     @property
     def left(self) -> int:
-        """Number of waiting items and suspects together."""
+        """Total number of waiting items and suspects."""
         return len(self._waiting) + len(self._suspects)
 
     def take(self, count: int) -> list[Item]:
@@ -53,11 +53,11 @@ class RetryLedger(Generic[Item]):
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Remove a suspect and return it. Its worker must not get another item until this one has ended."""
+        """Remove a suspect and return it. Its worker must not get another item until this one is finished."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Put items back at the front of the queue. Their worker has ended for a reason that is not related to them."""
+        """Put items back at the front of the queue. Use this if their worker ended for an unrelated reason."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
@@ -65,7 +65,7 @@ class RetryLedger(Generic[Item]):
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Add the items of a dead worker to the suspects, and return those items that are given up.
+        """Add the items of a dead worker to the suspects, and return the items that will not be retried.
 
         Raises WorkerError after too many consecutive deaths.
         """
@@ -76,9 +76,9 @@ class RetryLedger(Generic[Item]):
         if given_up:
             self._in_a_row = 0
         if self._in_a_row >= MAX_DEATHS_IN_A_ROW:
-            raise WorkerError(f"{self._in_a_row} {self._workers} died in a row ({how}). {self._cure}")
+            raise WorkerError(f"{self._in_a_row} {self._workers} died one after another ({how}). {self._cure}")
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return the reason why an item is given up. ``how`` describes how its last worker ended."""
+        """Return why an item will not be retried. ``how`` describes how its last worker ended."""
         return f"{MAX_DEATHS} {self._workers} died while running it ({how}); run the same command again to retry it"

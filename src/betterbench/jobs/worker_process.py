@@ -1,4 +1,4 @@
-"""Worker processes of a job: pipes, signals, thread counts, and their end together with the parent process."""
+"""Worker processes of a job: pipes, signals, thread counts, and their termination together with the parent process."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Describe the exit status of a process. A negative status is the number of a signal."""
+    """Describe the exit status of a process. A negative status means that a signal ended the process."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"

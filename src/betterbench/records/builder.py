@@ -27,7 +27,7 @@ _FLOAT64 = np.dtype(np.float64)
 class RecordBuilder:
     """Builder of a record from the states of one episode.
 
-    Appending copies the simulator's arrays and stores a reference to the immutable state. All conversion happens in
+    Appending copies the simulator's arrays and stores a reference to the immutable state. All values are converted in
     :meth:`finish`, so appending takes only a few microseconds per control step.
 
     Raises:
@@ -112,7 +112,7 @@ class RecordBuilder:
             self._check_scene(state)
         if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
             raise InvalidInputError(
-                "action", f"is missing in row {step}, or given in row 0", "Give both actions in every row except row 0"
+                "action", f"is missing in row {step}, or given in row 0", "Pass both actions in every row except row 0"
             )
         if action is None or applied is None:
             action = applied = self._no_action
@@ -132,7 +132,7 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append whether each predicate and each subgoal holds in the first row that lacks these values.
+        """For the first row without these values, append whether each predicate and each subgoal holds.
 
         The values have the same order as in the metadata.
 
@@ -159,8 +159,8 @@ class RecordBuilder:
         """Return the finished record. The arguments are passed to :class:`Outcome`.
 
         Raises:
-            InvalidInputError: If there are no rows, a row lacks the values of its predicates and subgoals, a state does
-                not list the objects of the scene, or the outcome contradicts itself.
+            InvalidInputError: If there are no rows, if a row lacks the values of its predicates and subgoals, if a
+                state does not list the objects of the scene, or if the outcome contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
@@ -221,7 +221,7 @@ class RecordBuilder:
             try:
                 columns[name] = _column(list(map(attrgetter(source), states)), shape)
             except (TypeError, ValueError) as error:
-                cure = f"Give numbers of the shape {shape} in every row"
+                cure = f"Pass numbers of the shape {shape} in every row"
                 raise InvalidInputError(f"state.{source}", str(error), cure) from error
         return columns
 
@@ -232,7 +232,7 @@ class RecordBuilder:
         if -2 in held:
             row = held.index(-2)
             problem = f"{self._states[row].held!r} is not an object of the scene (row {row})"
-            raise InvalidInputError("state.held", problem, "Give the name of a scene object")
+            raise InvalidInputError("state.held", problem, "Use the name of a scene object")
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
@@ -247,7 +247,7 @@ class RecordBuilder:
         """Raise InvalidInputError if the number of truth values differs from that in the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
             problem = f"got {len(predicates)} predicates and {len(subgoals)} subgoals"
-            cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
+            cure = f"Pass {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
@@ -258,7 +258,7 @@ class RecordBuilder:
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:
-                raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")
+                raise InvalidInputError(name, f"has the shape {shape}", "Pass a flat array")
             if shape != known:
                 raise InvalidInputError(
                     name, f"has the shape {shape}, expected {known}", "Keep the same shape during an episode"
@@ -268,17 +268,17 @@ class RecordBuilder:
         self._memory = tuple(a.data.cast("B") if a.size else b"" for a in simulator) if plain else ()
 
     def _refuse_actions(self, action: npt.NDArray[np.floating], applied: npt.NDArray[np.floating]) -> None:
-        """Raise InvalidInputError for the first action whose shape differs from that in the metadata."""
+        """Raise InvalidInputError for the first action that does not have the shape in the metadata."""
         due = self._no_action.shape
         name, shape = ("action", action.shape) if action.shape != due else ("applied", applied.shape)
-        raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Give {due[0]} numbers")
+        raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Pass {due[0]} numbers")
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return the values of all rows as an array (T, *shape). Raises ValueError if a row has a wrong shape.
 
-    Nested values are flattened first, because NumPy would take three times as long to find out their shape. If a value
-    is the same Python object as in the row before, for example because the object is at rest, it is not flattened
+    Nested values are flattened first, because NumPy would take three times as long to determine their shape. If a value
+    is the same Python object as in the previous row, for example because a scene object is at rest, it is not flattened
     again.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]

@@ -25,7 +25,8 @@ class Column(NamedTuple):
 
     Attributes:
         kind: Data type of each value.
-        width: Entry of ``WIDTH_NAMES`` that counts the items per row ("objects"), or None if there is one item per row.
+        width: Entry of ``WIDTH_NAMES`` that gives the number of items per row ("objects"), or None if there is one item
+            per row.
         tail: Number of values that make up an item (3 for a position).
     """
 

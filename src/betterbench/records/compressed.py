@@ -1,4 +1,4 @@
-"""Compression of blocks of bytes that are read often and one by one. LZ4 is used because it decompresses fastest."""
+"""Compression of byte blocks that are read often and individually. LZ4 is used because it decompresses fastest."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def credit_lines(objects: Sequence[CreditedObject]) -> tuple[str, ...]:
 
 
 def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
-    """Return the credit lines for the finished trials of runs in betterbench's own scenes.
+    """Return the credit lines for all assets in the finished trials of runs in betterbench's own scenes.
 
     Raises:
         RecordError: If a record cannot be read.

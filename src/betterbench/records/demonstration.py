@@ -29,10 +29,10 @@ class Demonstrator:
         kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
         manner: Parameters of the motion style. Their names include the unit ("speed", "approach_height_m").
-        sources: Demonstrations from which this one was composed, as "TASK/CONDITION/SEED" in the order of use.
+        sources: Demonstrations that were combined to make this one, as "TASK/CONDITION/SEED" in the order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
-            ``action`` contains the intended action, which a policy should learn, and ``applied`` contains the executed
-            action. Without noise, the two columns differ only by clipping.
+            ``action`` contains the intended action, which a policy should learn, and the column ``applied`` contains
+            the executed action. Without noise, the two columns differ only by clipping.
     """
 
     kind: DemonstratorKind
@@ -66,7 +66,7 @@ class SkillWindow:
         region: Region of the target, or "" if the target has only one.
         start: First row.
         change: Row after the action that begins to close the gripper, or to open it for a placement.
-        stop: Row after the last row.
+        stop: Row after the last row of the window.
     """
 
     kind: SkillKind
@@ -79,7 +79,7 @@ class SkillWindow:
     stop: _Row
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the window is empty or the gripper change is outside it."""
+        """Raise InvalidInputError if the window is empty or the row ``change`` is outside it."""
         if not self.start <= self.change < self.stop:
             problem = f"rows {self.start}, {self.change}, {self.stop} are not in order"
             raise InvalidInputError(f"skill {self.kind}", problem, "Choose rows such that start ≤ change < stop")
@@ -93,13 +93,13 @@ class SubgoalSegment:
     The segments of a record are contiguous.
 
     Attributes:
-        subgoal: Name of the subgoal that is done at the end of these rows, or "" for rows after the last subgoal.
+        subgoal: Name of the subgoal that is achieved at the end of these rows, or "" for rows after the last subgoal.
         object: Name of the object that was placed or slid.
         target: Name of the target.
         relation: Relation of the subgoal.
         region: Region of the target, or "" if the target has only one.
         start: First row.
-        stop: Row after the last row.
+        stop: Row after the last row of the segment.
         skills: Skill windows within these rows, in order of time. Between two windows, the arm is in transit.
     """
 

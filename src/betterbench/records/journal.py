@@ -1,8 +1,8 @@
 """Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
 
 Each line contains the SHA-256 of its record, the digest of its scene, and a link, which is the SHA-256 of the previous
-link and the line. The links reveal changed, missing and reordered lines. In journals of older versions, the lines lack
-the scene digest, or all three values.
+link and the line. With the links, changed, missing and reordered lines are detected. In journals of older versions, the
+lines lack the scene digest, or all three values.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ _LINE_CURE = "Restore the file from a copy, or evaluate into a new folder"
 
 
 class Journal(LineJournal):
-    """Journal of a run (``journal.jsonl``), to which one process at a time can append.
+    """Journal of a run (``journal.jsonl``). Only one process at a time can append to it.
 
     Raises:
         RunConflictError: If another process is appending to the journal.
@@ -127,7 +127,7 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Mark a finished trial as unfinished, so that it is repeated, because its record cannot be used.
+        """Mark a finished trial as unfinished, so that it is repeated. Call this if its record cannot be used.
 
         This appends a line with the status "error", or does nothing if the trial is not finished. Raises the same
         errors as :meth:`append`.
@@ -137,7 +137,7 @@ class Journal(LineJournal):
 
     def _append(self, entry: JournalEntry) -> None:
         form = asdict(entry)
-        read_form(_LINE, form, where="journal entry", cure="Omit the field, or give a value of its type")
+        read_form(_LINE, form, where="journal entry", cure="Omit the field, or use a value of its type")
         link = link_after(self._link, form)
         self._append_line({**form, "link": link})
         self._entries[entry.key], self._link = entry, link
@@ -174,7 +174,9 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
         if entry.status == "error":
             done.pop(entry.key, None)  # marked because its record was missing
         elif entry.key in done:
-            raise RecordError(f"{where} finishes {entry.key} again, after line {done[entry.key]}. {_LINE_CURE}.")
+            raise RecordError(
+                f"{where} says that {entry.key} is finished, as line {done[entry.key]} already does. {_LINE_CURE}."
+            )
         else:
             done[entry.key] = number
         entries[entry.key] = entry

@@ -39,7 +39,7 @@ class Outcome:
 
     Attributes:
         termination: Reason why the episode ended.
-        success: Whether the trial is a success, given the behavior that is expected in it.
+        success: Whether the trial is a success, i.e. whether the policy showed the expected behavior.
         error: Description of the error, for "policy_error" and "interrupted".
         clipped_actions: Number of actions that were clipped to the bounds of the action space.
         invalid_actions: Number of replies of the policy that could not be executed.
@@ -84,9 +84,10 @@ class RecordMetadata:
         action_components: Name of each number in an action.
         camera_preset: Name of the observation preset, or None if no image was rendered.
         render_quality: Name of the render preset, or None if no image was rendered.
-        engine: Versions that affect the numbers: simulator with version, renderer, hash of the model.
+        engine: Versions that affect the results: the simulator with its version, the renderer, and the hash of the
+            model.
         scene_hash: Name under which the scene is stored (``scenes/HASH.zip``).
-        looks: Set of object variants and rooms that the run used ("seen" or "unseen").
+        looks: Which set of object variants and rooms the run used ("seen" or "unseen").
         room: Name of the trial's room.
         view_jitter: Offsets of the cameras and the key light. Together with the scene and the state, these offsets
             determine the images.

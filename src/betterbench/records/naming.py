@@ -1,4 +1,4 @@
-"""Names of runs that are shown together. Each run is given once and gets a unique display name."""
+"""Display names of runs that are shown together. Every run gets a unique name, and no run may be given twice."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def require_each_once(paths: Sequence[Path]) -> None:
     places = [os.path.realpath(path) for path in paths]
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
-        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run only once")
+        raise InvalidInputError("runs", f"{twice} is given twice", "List every run only once")
 
 
 def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
     """Return a unique display name for each run.
 
-    If no names are ``given``, a run gets the name that its policy declares. Runs whose policies declare the same name
-    get the addresses of their policies instead. If these are the same too, the folder of the run is added in
-    parentheses.
+    If no names are ``given``, a run gets the name that its policy declares. If several policies declare the same name,
+    their runs get the addresses of the policies instead. If the addresses are the same too, the folder of the run is
+    added in parentheses.
 
     Raises:
         InvalidInputError: If the number of given names differs from the number of runs, or if a name is empty, too long
@@ -53,7 +53,8 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
     """Make the display names of runs unique.
 
-    If names are equal, the folder of the run is appended to each. If they are still equal, a number is appended.
+    If several runs have the same name, the folder of the run is appended to each of these names. If they are still
+    equal, a number is appended.
     """
     counts = Counter(names)
     named = [
@@ -80,11 +81,11 @@ def _shown(name: object) -> str:
 def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
     if len(given) != runs:
         problem = f"got {'1 name' if len(given) == 1 else f'{len(given)} names'} for {runs} run(s)"
-        raise InvalidInputError("--name", problem, "Give one name per run, in the same order")
+        raise InvalidInputError("--name", problem, "Pass one name per run, in the same order")
     for name in given:
         if not name.strip() or _shown(name) != name:
-            cure = f"Give a name of 1 to {MOST_CHARACTERS} printable characters"
+            cure = f"Use a name of 1 to {MOST_CHARACTERS} printable characters"
             raise InvalidInputError("--name", f"{name[:MOST_CHARACTERS]!r} cannot be the name of a run", cure)
         if given.count(name) > 1:
-            raise InvalidInputError("--name", f"{name!r} is given twice", "Give each run a different name")
+            raise InvalidInputError("--name", f"{name!r} is given twice", "Use a different name for each run")
     return tuple(given)

@@ -120,7 +120,7 @@ class RecordBrief(BaseModel):
 
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
-_PLACE = f"Give a record of a run (RUN/records/TASK/CONDITION/SEED.parquet). {AGAIN}"
+_PLACE = f"Use a record of a run (RUN/records/TASK/CONDITION/SEED.parquet). {AGAIN}"
 _WHOLE = f"Copy it again from an intact source. {AGAIN}"
 """Remedy to suggest for a truncated or changed record.
 
@@ -194,7 +194,8 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
     """Read only the outcome of a record. This is faster than reading the whole record.
 
     Raises:
-        RecordError: In most of the cases in which :func:`read_record` raises it. This function makes fewer checks.
+        RecordError: In most of the cases in which :func:`read_record` raises RecordError. This function makes fewer
+            checks.
     """
     return read_brief(path, digest=digest).outcome
 
@@ -257,7 +258,7 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
-    """Raise RecordError if the columns do not match the metadata, or if the file has no rows or is too large."""
+    """Raise RecordError if the columns do not match the metadata, if there are no rows, or if the file is too large."""
     actual = file.schema_arrow
     if not actual.equals(expected):
         names = sorted(set(expected.names) ^ set(actual.names)) or [

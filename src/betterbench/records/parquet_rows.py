@@ -1,4 +1,4 @@
-"""Reader of Parquet files that other programs have written. The reader loads large cells only when they are needed."""
+"""Reader of Parquet files written by other programs. Large cells are loaded only when they are needed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CURE = "Download the file again"
 
 
 class ParquetRows:
-    """Parquet file that another program has written. Several threads may read it.
+    """Parquet file written by another program. Several threads may read it.
 
     Only one row group of one column is held in memory, so that files with embedded images can be larger than the
     memory.

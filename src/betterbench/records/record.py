@@ -1,4 +1,4 @@
-"""Record: the privileged log of one episode. With it, the episode can be judged again without a simulator."""
+"""Record: the privileged log of one episode. The episode can be judged again from its record, without a simulator."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Record:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Widths of the record's columns, i.e. the numbers of values per row, by the names in ``WIDTH_NAMES``."""
+        """Widths of the record's columns, i.e. the numbers of values per row, keyed by the names in ``WIDTH_NAMES``."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],

@@ -111,12 +111,12 @@ class RunFolder:
         """Create a run, or resume the run in the folder if its plan is the same or contains fewer trials.
 
         The folder is created if it is missing, and ``run.json`` is written first. A resumed run keeps the context of
-        its first start. If the new plan contains more trials, it replaces the stored plan, and the context records the
-        time.
+        its first start. If the new plan contains more trials, it replaces the stored plan, and the time of this change
+        is added to the context.
 
         Raises:
-            RunConflictError: If the folder contains other files or a run with a different plan, or if it is being
-                written to.
+            RunConflictError: If the folder contains other files or a run with a different plan, or if another process
+                is writing to the folder.
             RecordError: If ``run.json`` is corrupt.
             InvalidInputError: If the plan or the context cannot be written as JSON.
         """
@@ -154,10 +154,10 @@ class RunFolder:
         try:
             holds_run = (path / "run.json").is_file()
         except OSError as error:
-            raise RecordError(f"{one_line(path)}: {error.strerror}. Give the --out folder of the run.") from error
+            raise RecordError(f"{one_line(path)}: {error.strerror}. Pass the --out folder of the run.") from error
         if not holds_run:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
-            cure = f"Give a run inside it: {', '.join(inside)}" if inside else "Give the --out folder of a run"
+            cure = f"Pass a run inside it: {', '.join(inside)}" if inside else "Pass the --out folder of a run"
             raise RecordError(f"{path}: contains no run (no run.json). {cure}.")
         cure = "Restore it, or start the run in a new folder. Read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
@@ -166,9 +166,9 @@ class RunFolder:
         if "plan" not in form and isinstance(form.get("kind"), str):
             kind = one_line(form["kind"], most=60)
             raise RecordError(
-                f"{path}: the folder contains a {kind} instead of trials of a policy. Give a run of better eval; for a "
-                "run of better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the "
-                "answers."
+                f"{path}: the folder contains a {kind} instead of trials of a policy. Pass the folder of a run "
+                "made with `better eval`. For a run made with `better vlm`, use `better compare` to see the scores or "
+                "`better export --to lmms-eval` to write the answers."
             )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)
@@ -186,7 +186,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Properties of the world, i.e. the simulator and its scenes, in which the trials were run.
+        """Properties of the world in which the trials were run. The world is the simulator with its scenes.
 
         Raises RecordError if the plan names an unknown world.
         """
@@ -238,8 +238,8 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending. The folder is locked until the journal is closed.
 
-        With ``renews``, the journal stays usable if the folder is removed or moved. In this case, the caller must
-        restore the run and repeat the trials whose records are missing.
+        If ``renews`` is True, the journal stays usable if the folder is removed or moved. In this case, the caller must
+        restore the run and repeat all trials with missing records.
 
         Raises:
             RecordError: If the journal lists trials that are not planned. For other errors, see
@@ -340,8 +340,8 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read the record of a trial.
 
-        ``digest`` is the expected digest of the file. A digest from an earlier read reveals whether the run has changed
-        since. By default, the digest in the journal is used.
+        ``digest`` is the expected digest of the file. Pass the digest from an earlier read to detect whether the run
+        has changed since. By default, the digest in the journal is used.
 
         Raises:
             RecordError: If the record is missing or unreadable, if its bytes have changed, or if its trial, policy or
@@ -407,7 +407,7 @@ class RunFolder:
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move a file that cannot be used to ``RUN/set-aside``. Return its new path, or None if there is no file.
+        """Move an unusable file to ``RUN/set-aside``. Return its new path, or None if there is no file.
 
         The file is not deleted, because it may be the only copy that the user has.
         """
@@ -430,7 +430,7 @@ class RunFolder:
     def keep_scene(self, scene: StorableScene) -> str:
         """Store the scene of a trial unless it is already stored, and return its digest for the journal.
 
-        An empty file marks a scene that is stored elsewhere. A file that does not contain a scene is moved aside.
+        An empty file means that the scene is stored elsewhere. A file that does not contain a scene is moved aside.
 
         Raises:
             RunConflictError: If a different scene has the same name, because it comes from another version or source.
@@ -492,14 +492,14 @@ class RunFolder:
         return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
-        """Return a path below the folder. Raises InvalidInputError if the path leads out of the folder."""
+        """Return a path inside the folder. Raises InvalidInputError if the path leads out of the folder."""
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
         return self.inside(*path.relative_to(self.path).parts)
 
     def inside(self, *names: str) -> Path:
-        """Return a path below the folder. Raises InvalidInputError if a link leads out of the folder."""
+        """Return a path inside the folder. Raises InvalidInputError if a link leads out of the folder."""
         path = self.path.joinpath(*names)
         require_inside(path, self.path)
         return path
@@ -612,7 +612,7 @@ _GROWING = ("trials", "task_versions", "task_files")
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a plan equals another plan except that it contains additional trials."""
+    """Return whether a plan is the same as another plan, except for additional trials."""
     rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
     if dump_json(rest) != dump_json(others):
         return False

@@ -2,8 +2,8 @@
 
 The comment of the zip file contains a digest of the scene's name and all its files (:func:`scene_digest`). The digest
 is verified before any file is used, so that MuJoCo never loads a changed model or the archive of a different scene. The
-journal of a run also contains the digest of each trial's scene. It reveals an archive that was replaced together with
-its digest.
+journal of a run also contains the digest of each trial's scene, so an archive that was replaced together with its
+digest is detected too.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
     for name in files:
         problem = _member_problem(name)
         if problem:
-            raise InvalidInputError(f"scene file {name!r}", problem, "Give a relative name with forward slashes")
+            raise InvalidInputError(f"scene file {name!r}", problem, "Use a relative name with forward slashes")
     total = sum(len(data) for data in files.values())
     if total > MAX_SCENE_BYTES or len(files) > MAX_SCENE_FILES:
         problem = f"{len(files)} files with {total} bytes exceed {MAX_SCENE_FILES} files or {MAX_SCENE_BYTES} bytes"
@@ -90,7 +90,7 @@ def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
 
 
 def _archive_of_another_run(digest: str) -> bytes | None:
-    """Return an archive that this process wrote earlier for the same scene, or None if it is gone or was changed.
+    """Return the archive that this process wrote earlier for the same scene, or None if it was removed or changed.
 
     This helps when several policies are evaluated on the same scenes: reading an archive takes 1 ms of CPU time,
     whereas creating it takes 34 ms.
@@ -124,8 +124,8 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     wrote contains no digest. This causes one warning per run, unless the journal's digest is given.
 
     Raises:
-        RecordError: If the scene is missing, damaged, changed or too large, if it has a different hash or belongs to a
-            different trial, or if a name would lead out of a folder.
+        RecordError: If the scene is missing, damaged, changed or too large, if it belongs to a different trial or has a
+            different hash, or if a file name would lead out of a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)

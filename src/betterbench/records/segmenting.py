@@ -2,8 +2,8 @@
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
 skill is a pick and place. If a drawer moved, it is a slide. Otherwise, it is a miss. The window of a skill begins when
-the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens, and ends when the tool has moved
-away from it. A segment ends with the skill that achieves its subgoal.
+the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens. It ends when the tool has moved
+away from this position. A segment ends with the skill that achieves its subgoal.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SLID_M = 0.005
 class _Closure:
     """Rows [closed, opened) in which the gripper is commanded to close.
 
-    The class also contains the kind of effect (pick, slide or miss) and the affected object.
+    The class also stores what closing the gripper did (pick, slide or miss), and to which object.
     """
 
     closed: int
@@ -50,7 +50,7 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode. They cover all rows. If the gripper never closed, there are none.
+    """Return the segments of an episode. They cover all rows, but there are no segments if the gripper never closed.
 
     Args:
         record: Record of the episode.
@@ -85,7 +85,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield each interval from a closing of the gripper to the next opening, together with its effect."""
+    """Yield each interval in which the gripper is closed, together with what happened in it."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -114,7 +114,7 @@ def _travel(record: Record, index: int, start: int, stop: int) -> float:
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that a gripper closure has newly achieved in a row of the record, or None if there is none."""
+    """Return the subgoal that closing the gripper has achieved at this row of the record, or None if there is none."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -131,7 +131,7 @@ def _served(record: Record, condition: Condition, closure: _Closure, row: int, c
 def _windows(
     record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
 ) -> Iterator[SkillWindow]:
-    """Yield the skill windows of one gripper closure: a pick and its placement, a slide, or a miss."""
+    """Yield the skill windows of one interval with a closed gripper: a pick and its placement, a slide, or a miss."""
     start = _begin(record, closure.closed, free_from)
     place = ("", "", "") if served is None else (served.target, served.relation, served.region)
     if closure.kind == "miss":
@@ -161,7 +161,7 @@ def _begin(record: Record, change: int, earliest: int) -> int:
 
 
 def _end(record: Record, change: int, away_m: float, latest: int) -> int:
-    """Return the row after the tool has first moved ``away_m`` from its position in the row ``change``.
+    """Return the row after the first row in which the tool is ``away_m`` away from its position in the row ``change``.
 
     The result is at most ``latest``.
     """

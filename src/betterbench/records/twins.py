@@ -1,4 +1,7 @@
-"""Twin demonstrations in a run: pairs of records that are identical until their different instructions take effect."""
+"""Twin demonstrations in a run.
+
+Twins are pairs of records with different instructions. They are identical until the instructions take effect.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +36,8 @@ class TwinPair:
         seed: Seed of both demonstrations.
         conditions: The two conditions.
         instructions: The two instructions, which differ.
-        shared_rows: Number of rows at the beginning that are identical in both: the state at reset, and the state after
-            each shared action.
+        shared_rows: Number of rows at the beginning that are identical in both records: the state at reset, and the
+            state after each shared action.
         rows: Number of rows of each record.
     """
 

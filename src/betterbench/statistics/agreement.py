@@ -29,7 +29,7 @@ class AgreementTable:
         size = len(self.categories)
         if size < 2 or len(self.counts) != size or any(len(row) != size for row in self.counts):
             problem = f"the table has {len(self.counts)} rows for {size} categories"
-            raise InvalidInputError("counts", problem, "Give a square table with at least two categories")
+            raise InvalidInputError("counts", problem, "Pass a square table with at least two categories")
         if any(count < 0 for row in self.counts for count in row):
             raise InvalidInputError("counts", "a count is negative", "Use counts ≥ 0")
 
@@ -71,8 +71,8 @@ class AgreementTable:
     def kappa(self) -> float | None:
         """Kappa of Cohen (1960): (observed - expected) / (1 - expected).
 
-        It is None if there are no items. It is also None if both raters put every item into the same category, since
-        chance alone then explains the agreement.
+        It is None if there are no items. It is also None if both raters put every item into the same category, because
+        chance alone would then explain the agreement.
         """
         observed, expected = self.observed, self.expected
         if observed is None or expected is None or 1.0 - expected < 1e-12:

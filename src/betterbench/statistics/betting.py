@@ -1,4 +1,4 @@
-"""Tests and intervals for the mean of bounded values, based on betting. They stay valid whenever one stops observing.
+"""Tests and intervals for the mean of bounded values, based on betting. They are valid at any stopping time.
 
 A bet against "the mean is at most m" starts with a wealth of 1. For every value ``x``, the wealth is multiplied by ``1
 + c (x - m) / (m - low)``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at
@@ -44,7 +44,7 @@ def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -
 
 
 def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return a confidence interval of the mean that is valid no matter when one stops observing values.
+    """Return a confidence interval of the mean that stays valid whenever the observation of values is stopped.
 
     Args:
         values: Observed values, each within the span. Their order does not matter.

@@ -109,7 +109,7 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
     if len(first) != len(second):
         problem = f"{len(first)} first and {len(second)} second scores cannot be paired"
         raise InvalidInputError(
-            "first, second", problem, "Give as many scores in first as in second, with the pairs in the same order"
+            "first, second", problem, "Pass as many scores in first as in second, with the pairs in the same order"
         )
     sides = []
     for where, side in (("first", first), ("second", second)):
@@ -128,5 +128,5 @@ def _names(where: str, names: Sequence[str] | None, n: int) -> list[str]:
     if names is None:
         return []
     if len(names) != n:
-        raise InvalidInputError(where, f"{len(names)} names for {n} pairs", "Give one name per pair")
+        raise InvalidInputError(where, f"{len(names)} names for {n} pairs", "Pass one name per pair")
     return list(names)

@@ -1,4 +1,4 @@
-"""Exact tests of a number of successes against the number expected from guessing."""
+"""Exact tests of whether a number of successes differs from the number expected from guessing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TIE = 1e-7
 def chance_p(rate: Rate, *, chance: float) -> float:
     """Return the two-sided p-value of the exact binomial test against a chance level.
 
-    The p-value is the total probability, under the chance level, of all outcomes that are at most as likely as the
+    The p-value is the total probability, under the chance level, of all outcomes that are no more likely than the
     observed one.
 
     Args:

@@ -62,7 +62,7 @@ def clustered_mean(
     """
     if len(scores) != len(clusters):
         problem = f"{len(clusters)} clusters for {len(scores)} scores"
-        raise InvalidInputError("clusters", problem, "Give one cluster per score")
+        raise InvalidInputError("clusters", problem, "Pass one cluster per score")
     if any(not 0 <= s <= 1 for s in scores):
         raise InvalidInputError("scores", "a score is not between 0 and 1", "Use fractions from 0 to 1")
     n, z = len(scores), normal_quantile(confidence)

@@ -24,7 +24,7 @@ class Difference:
         value: First rate minus second rate, as a fraction. None if one of the rates has no trials.
         low: Lower end of the interval.
         high: Upper end of the interval.
-        method: Method by which the interval was computed.
+        method: Name of the method that was used to compute the interval.
     """
 
     value: float | None
@@ -83,7 +83,7 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
     """
     if not seen:
         raise InvalidInputError(
-            "seen", "expected the rate of at least one seen composition, got none", "Give at least one success rate"
+            "seen", "expected the rate of at least one seen composition, got none", "Pass at least one success rate"
         )
     weight = -1.0 / len(seen)
     return _contrast(((1.0, novel), *((weight, rate) for rate in seen)), confidence, "wilson in quadrature")
@@ -98,7 +98,7 @@ def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDEN
         The mean. If a rate has no trials, the value is None and the interval is [-1, 1].
     """
     if not rates:
-        raise InvalidInputError("rates", "the list is empty", "Give at least one success rate")
+        raise InvalidInputError("rates", "the list is empty", "Pass at least one success rate")
     return _contrast([(1.0 / len(rates), rate) for rate in rates], confidence, "wilson in quadrature")
 
 
@@ -133,7 +133,7 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
 
 
 def _correlated_length(x: float, y: float, phi: float) -> float:
-    """Return the length of the difference between two deviations whose correlation is ``phi`` (law of cosines)."""
+    """Return the length of the difference between two deviations with the correlation ``phi`` (law of cosines)."""
     return math.sqrt(max(0.0, x * x - 2.0 * phi * x * y + y * y))
 
 

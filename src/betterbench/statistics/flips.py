@@ -18,7 +18,7 @@ def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator)
     """Return the two-sided p-value of Fisher's randomization test for paired differences.
 
     If neither member of a pair is better, each difference is as likely as the same difference with the opposite sign.
-    The p-value is the fraction of all combinations of signs whose mean is at least as far from zero as the observed
+    The p-value is the fraction of all combinations of signs that give a mean at least as far from zero as the observed
     mean. It is exact for up to :data:`EXACT_UP_TO` differences, and estimated from random combinations for more. The
     smallest possible p-value of n pairs is 2 / 2**n.
 

@@ -50,7 +50,7 @@ def _check(different: Sequence[Sequence[bool]]) -> None:
     """Raise InvalidInputError if the argument is not a symmetric matrix with False on its diagonal."""
     n = len(different)
     if any(len(row) != n for row in different):
-        raise InvalidInputError("different", "the matrix is not square", "Give one row and one column for each item")
+        raise InvalidInputError("different", "the matrix is not square", "Pass one row and one column for each item")
     for i in range(n):
         if different[i][i]:
             raise InvalidInputError(

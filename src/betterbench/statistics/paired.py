@@ -58,7 +58,7 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
             with two different outcomes.
     """
     if len(outcomes) != len(shared):
-        raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Give one name per pair")
+        raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Pass one name per pair")
     groups: dict[str, tuple[bool, list[bool]]] = {}
     for (first, second), name in zip(outcomes, shared, strict=True):
         known, seconds = groups.setdefault(name, (first, []))

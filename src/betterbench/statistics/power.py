@@ -149,7 +149,7 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest difference of at most ``room`` at which the power is sufficient, or None if there is none.
+    """Return the smallest difference, up to ``room``, at which the power is sufficient, or None if there is none.
 
     Bisection finds it, because the power grows with the difference.
     """
@@ -186,5 +186,5 @@ def _p_value_bytes(n: int) -> bytes:
 def _check_plan(n: int, alpha: float) -> None:
     """Raise InvalidInputError if there are no trials or the level is out of range."""
     if n < 1:
-        raise InvalidInputError("n", f"{n} trials cannot detect a difference", "Give at least one trial")
+        raise InvalidInputError("n", f"{n} trials cannot detect a difference", "Use at least one trial")
     check_fraction("alpha", alpha)

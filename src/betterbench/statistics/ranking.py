@@ -41,14 +41,14 @@ def ranking_area(
 ) -> RankingArea:
     """Return the area under the receiver operating characteristic (AUROC). Ties count half.
 
-    The interval is Newcombe's score interval (Statistics in Medicine 25, 2006, 559-573, method 5). It contains all
-    areas whose distance from the estimate is within the normal quantile, with Hanley and McNeil's variance at that
-    area. Its width is positive even if the ranking is perfect, and large if there are few positive or few negative
-    cases.
+    The interval is Newcombe's score interval (Statistics in Medicine 25, 2006, 559-573, method 5). It contains each
+    area that differs from the estimate by at most the normal quantile times the standard error. The standard error is
+    Hanley and McNeil's, computed for that area. The width of the interval is positive even if the ranking is perfect,
+    and large if there are few positive or few negative cases.
     """
     if len(scores) != len(happened):
         problem = f"{len(scores)} scores for {len(happened)} outcomes"
-        raise InvalidInputError("scores, happened", problem, "Give one score and one outcome per case")
+        raise InvalidInputError("scores, happened", problem, "Pass one score and one outcome per case")
     quantile = normal_quantile(confidence)
     values, truth = np.asarray(scores, dtype=np.float64), np.asarray(happened, dtype=bool)
     yes, no = values[truth], values[~truth]
@@ -61,7 +61,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the end of the confidence interval on the side of ``end``, which is 0 or 1."""
+    """Return the lower end of the confidence interval if ``end`` is 0, or the upper end if ``end`` is 1."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:
@@ -117,9 +117,9 @@ def rank_correlation(
     without ties is 2 / n!, which is 0.083 for four and 0.017 for five cases.
 
     The interval is the wider one of two: the percentile bootstrap over cases, and Fisher's transformation with the
-    variance of Bonett and Wright (Psychometrika 65, 2000, 23-28). The latter limits the correlation to that of a
-    ranking in which two neighbors are exchanged, so that the interval of a perfect ranking has a positive width. With
-    three or fewer cases, the interval is [-1, 1].
+    variance of Bonett and Wright (Psychometrika 65, 2000, 23-28). Before Fisher's transformation, the correlation is
+    limited to that of a ranking with two exchanged neighbors, so that the interval of a perfect ranking has a positive
+    width. With three or fewer cases, the interval is [-1, 1].
 
     Args:
         first: Values of the first quantity (n,).
@@ -132,7 +132,7 @@ def rank_correlation(
     """
     if len(first) != len(second):
         problem = f"{len(first)} values and {len(second)} values cannot be paired"
-        raise InvalidInputError("first, second", problem, "Give one value of each quantity per case")
+        raise InvalidInputError("first, second", problem, "Pass one value of each quantity per case")
     x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise InvalidInputError("first, second", "a value is not finite", "Use only finite numbers")

@@ -1,4 +1,4 @@
-"""Sequential tests for pairs, whose evidence may be inspected after every pair.
+"""Sequential tests for pairs of trials. The evidence may be inspected after every pair.
 
 An e-process starts at 1. If there is no difference, its expected value is at most 1 at any stopping time. By Ville's
 inequality, the probability that it ever reaches ``1 / alpha`` is then at most ``alpha``, however often it is inspected.

@@ -91,7 +91,7 @@ class FurtherLoss:
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Threshold of a stimulus with its interval.
+    """Threshold of the stimulus size, with its interval.
 
     Attributes:
         value: The threshold in the unit of the sizes. None if the data do not allow a conclusion.
@@ -323,7 +323,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """Return how much more the mean score drops than predicted, from the first condition to each condition."""
+        """For each condition, return how much more the mean score drops from the first condition than predicted."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)

@@ -1,9 +1,9 @@
-"""Sequential allocation of trials, to test with few trials whether variations are solved less often than their twins.
+"""Sequential allocation of trials. It tests with few trials whether variations are solved less often than their twins.
 
 A question is whether one condition (a variation) is solved less often than its twin (a training condition) on the same
 seeds. In each round, all open questions get the same further seeds. After every round, questions with a verdict get no
-more trials. Which trials are run depends only on the outcomes, so replaying the rounds gives the trials that have been
-run and the next ones.
+more trials. Which trials are run depends only on the outcomes, so replaying the rounds shows which trials have been run
+and which come next.
 
 The drop in a question is the twin's rate minus the condition's rate. Two null hypotheses are tested on the pairs by
 :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
@@ -32,7 +32,7 @@ more trials: if no pair differs, a margin of 50 points takes 5 pairs and a margi
 """
 
 FIRST_PAIRS = 5
-"""Number of pairs in the first round. It is the smallest number after which pairs that all agree give a verdict."""
+"""Number of pairs in the first round. It is the smallest number that allows a verdict if all pairs agree."""
 
 TWIN_SHARE = 0.5
 """Minimum fraction of pairs in which the twin must succeed.
@@ -121,7 +121,7 @@ class Decisions:
 
     Attributes:
         answers: One answer per question, in the order of the questions.
-        waiting: Condition and seed of each trial of the current round whose outcome is missing, including twins. Empty
+        waiting: Condition and seed of each trial of the current round that has no outcome yet, including twins. Empty
             when all questions have been decided or all seeds have been used.
     """
 

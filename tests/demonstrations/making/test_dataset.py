@@ -130,7 +130,9 @@ def test_a_folder_holds_one_recipe_which_may_grow(tmp_path):
     keep_recipe(recipe, tmp_path / "set")
     keep_recipe(replace(recipe, demos=7), tmp_path / "set")
     assert read_recipe(tmp_path / "set").demos == 7
-    with pytest.raises(RunConflictError, match=r"recipe\.regime is .*training.* there but .*balanced.* here"):
+    with pytest.raises(
+        RunConflictError, match=r"recipe\.regime is .*training.* in the folder but .*balanced.* in the request"
+    ):
         keep_recipe(replace(recipe, demos=7, regime="balanced"), tmp_path / "set")
     with pytest.raises(InvalidInputError, match="--validation"):
         replace(recipe, validation=1.0).check()

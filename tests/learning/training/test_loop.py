@@ -332,7 +332,8 @@ def test_two_processes_train_as_one_and_resume(tmp_path):
     way = max(float((start[name] - alone[name]).abs().max()) for name in alone)
     assert max(float((both[name] - alone[name]).abs().max()) for name in alone) < 0.05 * way
     with pytest.raises(
-        RunConflictError, match=r"processes is 2 there but 1 here. Continue with the same number of processes,"
+        RunConflictError,
+        match=r"processes is 2 in the folder but 1 in the request. Continue with the same number of processes,",
     ):
         train(tiny(**changes), made_up(), tmp_path / "whole")
 

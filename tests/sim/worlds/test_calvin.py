@@ -236,7 +236,7 @@ def test_renderers_are_not_mixed(plan_of, command, tmp_path):
     run = evaluate(egl, tmp_path / "egl", workers=1, envs=1)
     assert next(run.records()).metadata.engine["renderer"] == "EGL"
     assert run.plan["world"]["versions"]["renderer"] == "EGL"
-    with pytest.raises(RunConflictError, match='renderer is "EGL" there but "TinyRenderer" here'):
+    with pytest.raises(RunConflictError, match='renderer is "EGL" in the folder but "TinyRenderer" in the request'):
         evaluate(tiny, tmp_path / "egl", workers=1, envs=1)
     evaluate(tiny, tmp_path / "tiny", workers=1, envs=1)
     with pytest.raises(RunConflictError, match="renderer"):
@@ -353,9 +353,9 @@ def test_a_clone_of_calvin_is_a_checkout_too(tmp_path):
     module.touch()
     assert checkout_root(clone) == checkout_root(clone / "calvin_env") == clone / "calvin_env"
     (clone / "calvin_models").mkdir()
-    with pytest.raises(InvalidInputError, match=r"neither.*Give the root"):
+    with pytest.raises(InvalidInputError, match=r"neither.*Pass the root"):
         checkout_root(clone / "calvin_models")
-    with pytest.raises(InvalidInputError, match=rf"Give --calvin-env {clone / 'calvin_env'}\W*$"):
+    with pytest.raises(InvalidInputError, match=rf"Pass --calvin-env {clone / 'calvin_env'}\W*$"):
         checkout_root(clone / "calvin_env" / "calvin_env")
 
 

@@ -90,6 +90,6 @@ def test_a_changed_table_is_refused_and_one_of_an_earlier_version_too(tmp_path):
     for changed in (whole.replace(b'"task": 1', b'"task": 9'), b"".join(lines[1:]), b"".join(lines[:-1]), whole[:-1]):
         file.write_bytes(changed)
         with pytest.raises(
-            InvalidInputError, match=r"its last line is not a valid seal: .* Give a different file with --out"
+            InvalidInputError, match=r"its last line is not a valid seal: .* Pass a different file with --out"
         ):
             read_entries(file)

@@ -1,4 +1,4 @@
-"""Privileged state of a scene, which evaluated policies do not get."""
+"""Privileged state of a scene. Evaluated policies do not get it."""
 
 from betterbench.interface.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
 from betterbench.interface.state.seen import GRIPPER, Box, FrameView, SeenObject, in_runs, inner_pixel

@@ -1,4 +1,4 @@
-"""Part of an episode's privileged state that does not change: objects, their shapes, and slots on the table."""
+"""Constant part of an episode's privileged state: objects, their shapes, and slots on the table."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ class ObjectInfo:
     """Properties of a scene object that do not change: kind, asset, appearance and size.
 
     Attributes:
-        name: Name in the scene ("burger_1"), which does not affect verdicts.
+        name: Name in the scene ("burger_1"). It does not affect verdicts.
         kind: Noun for the object in instructions ("burger"). Objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").
-        shape: Coarse shape ("round", "cylinder", "box"), by which the diagnosis tells whether a wrongly grasped object
-            resembles the requested one.
+        shape: Coarse shape ("round", "cylinder", "box"). The diagnosis uses it to decide whether a wrongly grasped
+            object resembles the requested one.
         role: "item", "distractor", "container" or "fixture".
         size_m: Extents of the bounding box in the object frame [m]. The frame's origin is the center of the bottom
             face.
         slot: Name of the slot in which the object starts, or None.
         source: Source and author of the asset. Empty for assets of the procedural library.
         license: License of the asset. Empty for assets of the procedural library.
-        keeps_upright: Whether the object, such as a drink, must not lie on its side in a container.
+        keeps_upright: Whether the object must not lie on its side in a container, such as a drink.
     """
 
     name: str
@@ -82,7 +82,7 @@ class SlotInfo:
     Attributes:
         position: Center on the table in the world frame [m].
         yaw: Nominal heading of an object in the slot [rad].
-        trained_kinds: Kinds of objects that stand in this slot in the training distribution.
+        trained_kinds: Kinds of objects that start in this slot in the training distribution.
         picked_kinds: Kinds of objects that are picked from this slot in the training distribution.
     """
 
@@ -153,5 +153,5 @@ class SceneInfo:
 
 
 def _form(value: Region | ObjectInfo | SlotInfo | SceneInfo) -> dict[str, Any]:
-    """Return the fields of a dataclass by name. ``asdict`` takes ten times as long, because it copies every number."""
+    """Return the fields of a dataclass by name. This is ten times as fast as ``asdict``, which copies every number."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

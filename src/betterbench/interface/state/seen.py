@@ -1,4 +1,4 @@
-"""Objects that are visible in a camera image: their visible fraction and their position in the image."""
+"""Visible objects in a camera image: the visible fraction of each object and its position in the image."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class SeenObject:
 
     Attributes:
         box: Smallest box around all visible pixels of the object.
-        fraction: Number of visible pixels, divided by the number of pixels that the object would have if nothing
-            occluded it and the image had no border, in [0, 1].
+        fraction: Visible fraction of the object, in [0, 1]: the number of visible pixels, divided by the number that
+            would be visible without occlusion and image borders.
         pixels: Number of visible pixels.
         centroid: Mean column and row of the visible pixels [pixel]. This point may be outside the object.
-        runs: Run-length encoding of the visible pixels, row by row: alternating lengths, beginning with pixels that do
-            not show the object.
+        runs: Run-length encoding of the visible pixels, row by row. Runs of pixels without and with the object
+            alternate, starting with a run without it.
     """
 
     box: Box
@@ -104,7 +104,7 @@ def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
                 best = found if best is None else min(best, found)
         start += length
     if best is None:
-        raise InvalidInputError("runs", "the run-length encoding has no visible pixel", "Give at least two runs")
+        raise InvalidInputError("runs", "the run-length encoding has no visible pixel", "Pass at least two runs")
     return best[1], best[2]
 
 

@@ -1,4 +1,4 @@
-"""Part of the privileged state that changes over time, with one value per control step."""
+"""Part of the privileged state that changes over time. There is one :class:`WorldState` per control step."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class WorldState:
     def position(self, name: str) -> Vector:
         """Return the position of an object in the world frame [m].
 
-        The position refers to the origin of the object's frame, which is the center of its bottom face.
+        It is the position of the origin of the object's frame, i.e. of the center of its bottom face.
         """
         return self.positions[self.info.index(name)]
 

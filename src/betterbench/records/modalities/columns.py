@@ -12,7 +12,7 @@ from betterbench.records.modalities.spec import MODALITIES, ViewSpec
 
 
 class ViewColumn(NamedTuple):
-    """Column of a modality file: its name, the data type, and the shape of its values.
+    """Column of a modality file: the name of the column, and the data type and shape of its values.
 
     In Parquet, an image is a fixed number of bytes. All other values are numbers or lists of fixed length.
     """

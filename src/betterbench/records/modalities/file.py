@@ -46,7 +46,7 @@ COMPRESSION_LEVEL = 1
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
-AGAIN = "Run the same better materialize command again to recreate it"
+AGAIN = "Run the same `better materialize` command again to recreate it"
 """Remedy to suggest for a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
@@ -58,7 +58,7 @@ _TAIL = 8
 
 
 class _Sink(io.RawIOBase):
-    """Output stream that hashes each row group. It writes the footer only when the footer's checksum is known."""
+    """Output stream that hashes each row group. The footer is written only after its checksum has been computed."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
@@ -269,7 +269,9 @@ class ModalityFile:
             raise RecordError(f"{self.path}: is damaged (its end is missing). {AGAIN}.")
         footer = self._bytes(begin, size)
         if SEAL_KEY not in footer:
-            raise RecordError(f"{self.path}: has no checksum: an earlier version wrote it, or it is damaged. {AGAIN}.")
+            raise RecordError(
+                f"{self.path}: has no checksum, because an earlier version wrote it or it is damaged. {AGAIN}."
+            )
         try:
             intact = seal(footer) == footer
         except RecordError:
@@ -294,7 +296,7 @@ class ModalityFile:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)
         if not isinstance(raw, bytes) or len(raw) > _MAX_HEADER_BYTES:
             raise RecordError(
-                f"{self.path}: is a Parquet file without modalities. Choose a file that better materialize has written."
+                f"{self.path}: is a Parquet file without modalities. Choose a file written by `better materialize`."
             )
         return read_form(HEADER, raw, where=str(self.path), cure=AGAIN, raises=RecordError)
 
@@ -310,7 +312,7 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return the message of an error about a file, without the name of the file and without the remedy."""
+    """Return the message of an error about a file, without the file name and the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 
@@ -322,7 +324,7 @@ def _reading(path: Path) -> Iterator[None]:
     except BetterError:
         raise
     except FileNotFoundError:
-        raise RecordError(f"{path}: the file does not exist. Run better materialize for the trial.") from None
+        raise RecordError(f"{path}: the file does not exist. Run `better materialize` for the trial.") from None
     except Exception as error:  # native code may raise any exception for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(f"{path}: is damaged ({said}). {AGAIN}.") from error

@@ -17,8 +17,8 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 FORMAT_VERSION: Literal[2] = 2
 """Version of the columns and the header.
 
-It is increased when an older reader would misinterpret a new file. Files of version 1 have no checksum, and better
-materialize creates them again.
+It is increased when an older reader would misinterpret a new file. Files of version 1 have no checksum, and
+`better materialize` creates them again.
 """
 
 _Count = Annotated[int, Field(ge=0)]
@@ -27,7 +27,7 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """Object of the scene whose boxes are stored in the file.
+    """Object of the scene. Its boxes are stored in the file.
 
     Objects have the same order as in the record's ``scene.objects``.
 
@@ -79,7 +79,7 @@ class ViewHeader:
     format_version: Literal[2] = FORMAT_VERSION
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if modalities are repeated or out of order."""
+        """Raise InvalidInputError if a modality is listed twice or the modalities are out of order."""
         if list(self.modalities) != [name for name in MODALITIES if name in self.modalities] or not self.modalities:
             raise InvalidInputError(
                 "modalities", "expected each modality at most once and in column order", "Materialize the trial again"

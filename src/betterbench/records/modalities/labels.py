@@ -62,6 +62,6 @@ def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
 
 
 def semantics_of_instances(categories: Sequence[str]) -> list[int]:
-    """Return the semantic id of each instance id in a scene whose objects have the given categories, in order."""
+    """Return the semantic id of each instance id in a scene, given the categories of the scene's objects in order."""
     stage = [NOTHING, *(semantic_id(name) for name in STAGE)]
     return [*stage, *[NOTHING] * (FIRST_OBJECT - len(stage)), *(semantic_id(name) for name in categories)]

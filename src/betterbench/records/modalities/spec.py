@@ -1,4 +1,4 @@
-"""Views of a scene, and the modalities that are rendered for each view."""
+"""Views of a scene, and the modalities to render for each view."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PlacedCamera:
         """Raise InvalidInputError if the camera has no viewing direction or its field of view is out of range."""
         if not all(map(math.isfinite, (*self.position, *self.target))) or distance(self.position, self.target) < 1e-6:
             raise InvalidInputError(
-                "camera", "position and target are the same point", "Give a target that differs from the position"
+                "camera", "position and target are the same point", "Use a target that differs from the position"
             )
         if not 1.0 <= self.fovy_deg <= 170.0:
             raise InvalidInputError(
@@ -81,7 +81,7 @@ class ViewSpec:
 
     @property
     def text(self) -> str:
-        """The view in the form that the command line uses."""
+        """The view in the format of the command line."""
         place = ""
         if self.placed is not None:
             at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))
@@ -109,7 +109,7 @@ class ViewSpec:
                 at, to, fovy = place.split("/")
                 placed = PlacedCamera(_vector(at), _vector(to), float(fovy))
         except ValueError:
-            raise InvalidInputError("--camera", f"{text!r} is not a view", f"Give {_FORMS}") from None
+            raise InvalidInputError("--camera", f"{text!r} is not a view", f"Use {_FORMS}") from None
         return cls(name, width, height, placed)
 
 
@@ -127,7 +127,7 @@ def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
     unknown = [name for name in names if name not in MODALITIES]
     if unknown:
         raise InvalidInputError(
-            "--modality", f"{unknown[0]!r} is unknown", f"Give one or more of {', '.join(MODALITIES)}"
+            "--modality", f"{unknown[0]!r} is unknown", f"Use one or more of {', '.join(MODALITIES)}"
         )
     return tuple(name for name in MODALITIES if not names or name in names)
 
@@ -138,4 +138,4 @@ def require_views(views: Sequence[ViewSpec]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if not views or twice:
         problem = f"{twice[0]!r} is given twice" if twice else "no view is given"
-        raise InvalidInputError("--camera", problem, "Give each view once")
+        raise InvalidInputError("--camera", problem, "List each view only once")

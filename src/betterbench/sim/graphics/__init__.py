@@ -2,7 +2,7 @@
 
 ``back_ends`` chooses the back end. ``devices`` finds the EGL devices and distributes processes over them. ``probe`` is
 the program that examines each device. ``checks`` reports problems in the environment. This package does not import a
-simulator, so the workers and the processes of other simulators get the same result.
+simulator, so all workers and all other simulator processes choose the same back end.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

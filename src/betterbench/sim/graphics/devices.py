@@ -1,9 +1,9 @@
-"""EGL devices of this machine, and how processes are distributed over them.
+"""EGL devices of this machine, and the distribution of processes over them.
 
 Processes are distributed only over devices that render identically, so that an image does not depend on the process
-that rendered it. These are the devices with the same OpenGL vendor, renderer and version as the first working device. A
-process passes the list of devices to its child processes. The list for each child begins with the device that the child
-has to use.
+that rendered it. Devices render identically if they have the same OpenGL vendor, renderer and version. Only devices
+that agree with the first working device are used. A process passes the list of devices to its child processes. The list
+for each child begins with the device that the child has to use.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def drawing_devices() -> tuple[int, ...]:
-    """Return the indices of the devices for processes that this process starts. The result is empty if EGL is not used.
+    """Return the indices of the devices to use for child processes. The result is empty if EGL is not used.
 
     If ``MUJOCO_EGL_DEVICE_ID`` names a device, only that device is returned.
 
@@ -107,9 +107,9 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, or None if it is not set.
+    """Return the device index in ``MUJOCO_EGL_DEVICE_ID``, or None if the variable is not set.
 
-    Raises GraphicsError if it is invalid.
+    Raises GraphicsError if the index is invalid.
     """
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:
@@ -123,8 +123,8 @@ def require_device() -> int | None:
 def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple[int, ...]:
     """Return the indices of the devices that render identically to the first one.
 
-    If ``CUDA_VISIBLE_DEVICES`` names some of their graphics cards, by number or UUID, only these are used, because the
-    others belong to other jobs.
+    If ``CUDA_VISIBLE_DEVICES`` names some of their graphics cards, by index or UUID, only these cards are used, because
+    the other cards belong to other jobs.
     """
     if not devices:
         return ()
@@ -134,7 +134,7 @@ def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple
 
 
 def next_device_variables() -> dict[str, str]:
-    """Return the environment variables that assign a device to the next process that this process starts.
+    """Return the environment variables that assign a device to the next child process.
 
     The result is empty if no device is used.
     """

@@ -1,6 +1,6 @@
 """Program that examines every EGL device and prints the capabilities of all devices as one JSON list.
 
-It runs in a separate process, so that a crashing driver ends only this process and no display of an unused device stays
+It runs in a separate process, so that a driver crash ends only this process, and no displays of unused devices stay
 open. The file is run as a script and imports only the standard library.
 
 Sources: the Khronos registry for EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_NV_device_cuda and

@@ -1,4 +1,4 @@
-"""Check of a modality folder against its run. It finds missing, damaged, misplaced and unrelated files."""
+"""Comparison of a modality folder with its run, to find missing, damaged, misplaced and unrelated files."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ class FileProblem:
 
     Attributes:
         path: Path of the file, or the path at which it is expected.
-        text: Description of the problem, as the rest of a sentence that begins with the name of the file.
-        kind: "missing", "damaged", "other" (the file belongs to a different place), or "extra" (no file is expected in
-            its place).
+        text: Description of the problem. It continues a sentence that begins with the name of the file.
+        kind: "missing", "damaged", "other" (the file belongs elsewhere), or "extra" (no file is expected at this path).
     """
 
     path: Path
@@ -44,7 +43,7 @@ class FolderCheck:
         files: Number of files that were checked.
         rows: Number of rows in the intact files.
         of_run: Number of files that were made from records of the run, even if they have other faults.
-        strangers: Trials of the readable files that do not belong to the run, each with its policy.
+        strangers: Trials in readable files that do not belong to the run, each with its policy.
         problems: Problems that were found.
     """
 
@@ -57,7 +56,10 @@ class FolderCheck:
 
     @property
     def is_of_another_run(self) -> bool:
-        """Whether the files come from a different run: some are readable, but none matches a record of this run."""
+        """Whether the files come from a different run.
+
+        This is the case if some files are readable, but none of them matches a record of this run.
+        """
         return bool(self.strangers) and not self.of_run
 
 
@@ -71,7 +73,7 @@ def check_folder(
     """Read all files in a modality folder and compare them with the run's records, without writing anything.
 
     For each recorded trial (or each of ``trials``), one file is expected for each view in the folder's settings. Its
-    header must match, and its checksums must be right. If ``trials`` are given, files of other trials are ignored.
+    header must match, and its checksums must be correct. If ``trials`` are given, files of other trials are ignored.
     ``on_progress`` is called with the number of checked files and the number of known files.
 
     Raises RecordError if the folder has no settings, or if one of ``trials`` is not recorded.

@@ -34,7 +34,7 @@ class ExpectedFile:
     def difference(self, header: ViewHeader) -> str | None:
         """Compare a header with the expected values. Return the first difference, or None if there is none.
 
-        The difference is worded as the rest of a sentence that begins with the name of the file.
+        The returned text continues a sentence that begins with the name of the file.
         """
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)

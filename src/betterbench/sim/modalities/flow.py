@@ -11,9 +11,9 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
     """Return how far the point in each pixel moves to the right and down until the next state [pixel].
 
     The result is a (height, width, 2) float16 array. The depth gives the position of the point. The point moves with
-    the body that is visible in its pixel, and is then projected into the camera of the next state, even if it is
-    occluded in that view. The sky is treated as infinitely far away. The flow is NaN in the last state, where
-    ``following`` is None, and wherever the point moves behind the camera.
+    the body that is visible in its pixel. It is then projected into the camera of the next state, even if it is
+    occluded there. The sky is treated as infinitely far away. The flow is NaN in the last state, where ``following`` is
+    None, and wherever the point moves behind the camera.
 
     Args:
         sight: Rendered view of one state, of the type :func:`betterbench.sim.scenes.sights.sight_type` with depth and

@@ -136,7 +136,7 @@ def files_in(path: Path) -> list[Path]:
 
 
 def _is_begun(path: Path) -> bool:
-    """Return whether a modality folder contains a file of a trial, finished or not."""
+    """Return whether a modality folder contains a finished or unfinished file of any trial."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 
@@ -147,7 +147,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 def read_settings(path: Path) -> Wanted:
     """Read the settings of a modality folder. Raises RecordError if they are missing or damaged."""
-    cure = "Give a folder that better materialize has written"
+    cure = "Choose a folder that `better materialize` has written"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)
     form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))

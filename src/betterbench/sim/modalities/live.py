@@ -20,8 +20,8 @@ from betterbench.tasks import TrialId
 class LiveMaterializer:
     """Context manager that renders the views of a scene row by row during recording, and writes them to files.
 
-    Call :meth:`add` after the reset and after every step, whenever a row is appended to the record, and call
-    :meth:`finish` with the finished record. If :meth:`finish` is not called, no files are left. ``out`` is a folder
+    Call :meth:`add` whenever a row is appended to the record, i.e. after the reset and after every step. Then call
+    :meth:`finish` with the finished record. If :meth:`finish` is not called, no files are kept. ``out`` is a folder
     with the same layout as the output of ``better materialize``. If ``out`` is ``RUN/modalities``, ``better
     materialize`` finds the files and keeps them.
 

@@ -25,7 +25,7 @@ def object_colors(count: int) -> list[tuple[int, int, int]]:
 
 
 def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple[int, int, int]]:
-    """Return a color for each object that resembles the object's own color, so that a red mug is shown in red.
+    """Return a color for each object. It resembles the object's own color, so that a red mug is shown in red.
 
     Objects with similar colors get different brightness. Objects that are not in the image get the colors of
     :func:`object_colors`.
@@ -52,7 +52,7 @@ def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple
 
 
 _GRAY = 0.2
-"""Saturation below which an object counts as gray, i.e. has no clear hue."""
+"""Saturation below which an object is considered gray, i.e. without a clear hue."""
 _APART = 24
 """Minimum difference between the colors of two objects, in at least one of red, green and blue."""
 
@@ -86,7 +86,7 @@ def depth_image(depth: np.ndarray) -> np.ndarray:
 def with_boxes(
     rgb: np.ndarray, boxes: np.ndarray, fractions: np.ndarray, names: Sequence[str], *, scale: int = 2
 ) -> Image.Image:
-    """Return an enlarged image with a box around the visible part of each object, its name and its visible fraction.
+    """Return an enlarged image that shows each object's name, its visible fraction, and a box around its visible part.
 
     ``boxes`` has the shape (n, 4).
     """

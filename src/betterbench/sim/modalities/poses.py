@@ -37,7 +37,7 @@ def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def in_frame(poses: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return poses ``T_world_x`` (n, 7) in the frame ``T_world_frame`` (7,), i.e. as ``T_frame_x``."""
+    """Convert poses ``T_world_x`` (n, 7) to ``T_frame_x``, given the pose of the frame ``T_world_frame`` (7,)."""
     turned = rotations(frame[None, 3:])[0]
     conjugate = frame[3:] * np.array([1.0, -1.0, -1.0, -1.0])
     return np.concatenate([(poses[:, :3] - frame[:3]) @ turned, products(conjugate, poses[:, 3:])], axis=1)

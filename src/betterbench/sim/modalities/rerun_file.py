@@ -28,7 +28,7 @@ _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
 _PNG_LEVEL = 4
 _DEPTH_PER_M = 1000.0
-"""Number of depth units per meter in the file. With 32-bit depth, nine tenths of a file were depth."""
+"""Number of depth units per meter in the file. With 32-bit depth, depth images would take up nine tenths of a file."""
 
 _APPLICATION = "betterbench"
 _HEAD_BYTES = 4096
@@ -200,7 +200,7 @@ def _boxes(rerun: Any, record: Record, shown: ShownRow, classes: list[int]) -> A
 
 
 def _log_lanes(rerun: Any, stream: Any, lanes: list[Lane], row: int) -> None:  # noqa: ANN401
-    """Log the spans that begin or end at this row, for every lane of the timeline."""
+    """Log the spans that begin or end at this row, in all lanes of the timeline."""
     for lane in lanes:
         said = next((text for first, last, text in lane.spans if first <= row <= last), "")
         before = next((text for first, last, text in lane.spans if first <= row - 1 <= last), "")

@@ -1,4 +1,4 @@
-"""Materialization of a run: its records are rendered as modality files in a folder.
+"""Rendering of a run's records as modality files in a folder.
 
 It can be interrupted and resumed.
 """
@@ -36,7 +36,7 @@ _POLL_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Materialized:
-    """Result of one materialize command.
+    """Result of one ``better materialize`` command.
 
     Attributes:
         trials: Number of trials whose files are complete now.
@@ -86,9 +86,9 @@ def materialize_run(
 ) -> Materialized:
     """Write the missing or damaged modality files of a run's recorded trials. Intact files are kept.
 
-    The bytes of the files depend neither on the number of workers nor on interruptions. With ``follow``, the function
-    waits for further recorded trials until the run ends. ``on_progress`` is called with the number of finished trials
-    and the number of known trials.
+    The bytes of the files depend neither on the number of workers nor on interruptions. If ``follow`` is True, the
+    function waits for further recorded trials until the run ends. ``on_progress`` is called with the number of finished
+    trials and the number of known trials.
 
     Raises:
         RunConflictError: If the folder contains unrelated files, was rendered with a different OpenGL, or is in use.
@@ -138,7 +138,7 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
 
 
 class _Views:
-    """Rendering processes of one thread, one per render preset. They end when the context manager exits."""
+    """Rendering processes of one thread: one process per render preset. They end when the context manager exits."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run
@@ -156,13 +156,13 @@ class _Views:
     def stop(self) -> None:
         """End the processes. This method may be called from another thread.
 
-        A thread that is rendering then gets a RecordError.
+        If a thread is rendering, RecordError is raised in that thread.
         """
         for view in list(self._views.values()):
             view.stop()
 
     def opened(self, record: Record, quality: str) -> LimitedView:
-        """Return a process in which the scene of a record is open."""
+        """Return a rendering process that has opened the scene of a record."""
         view = self._views.get(quality)
         if view is None or view.is_closed:
             view = self._views[quality] = LimitedView(quality=quality)

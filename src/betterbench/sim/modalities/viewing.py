@@ -22,7 +22,7 @@ _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """Lane of a timeline. Each of its spans consists of a first row, a last row and a text.
+    """Lane of a timeline. Each span of the lane has a first row, a last row and a label.
 
     ``kind`` is "subgoal", "held" or "contact".
     """
@@ -35,7 +35,7 @@ class Lane:
 def lanes_of(record: Record) -> list[Lane]:
     """Return the lanes of a record: one for each subgoal, one for the held object, and one for each changing contact.
 
-    Pairs of bodies that are in contact from the first row to the last, such as objects on the table, are left out.
+    Contacts that last from the first row to the last, such as those of objects on the table, are left out.
     """
     lanes = [
         Lane("subgoal", name, tuple((a, b, "met") for a, b in _spans(record.subgoals[:, i])))
@@ -56,7 +56,7 @@ def lanes_of(record: Record) -> list[Lane]:
 
 
 def _spans(there: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first and the last index of each uninterrupted sequence of true values."""
+    """Return the first and the last index of each run of consecutive true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -80,7 +80,7 @@ class ShownRow:
 
 
 def shown_rows(run: RunFolder, record: Record, views: Sequence[ViewSpec], *, quality: str) -> Iterator[ShownRow]:
-    """Yield every row of a record, rendered in a separate process with limits.
+    """Yield every row of a record, rendered in a separate process with memory and time limits.
 
     Raises RecordError if the scene cannot be opened, and MissingDependencyError if off-screen OpenGL does not work on
     this machine.

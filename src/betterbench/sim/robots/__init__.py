@@ -1,8 +1,8 @@
 """Robots: their descriptions, their inverse kinematics, and the controller that turns actions into motion.
 
-Each robot is a folder next to this file, whose ``__init__`` registers the robot. A new folder is found automatically.
-The controller and the inverse kinematics are imported when they are first used, because rendering needs neither of
-them.
+Each robot is a folder next to this file. The ``__init__`` module of the folder registers the robot. New folders are
+found automatically. The controller and the inverse kinematics are imported when they are first used, because rendering
+needs neither of them.
 """
 
 import importlib

@@ -48,7 +48,8 @@ class Shape:
     """Collision primitive in the frame of its link [m].
 
     A "capsule" or "cylinder" extends from ``start`` to ``end``. A "box" has its center at ``start``, and ``end``
-    contains its half extents. It is rotated by ``turn``, which consists of an axis of the link and an angle [rad].
+    contains its half extents. The box is rotated by ``turn``, which consists of an axis of the link frame and an angle
+    [rad].
     """
 
     kind: str

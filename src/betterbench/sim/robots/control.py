@@ -2,10 +2,10 @@
 
 In every action space, the result is a joint reference that the position servos integrate evenly over the control step
 (see :mod:`betterbench.sim.robots.panda`). In Cartesian action spaces, the controller keeps a **commanded pose**, which
-an action of zero leaves unchanged. It may lead the measured pose by at most :data:`POSITION_LEAD_M` and
-:data:`ROTATION_LEAD_RAD`, which prevents windup when the arm is blocked.
+an action of zero leaves unchanged. The commanded pose may be ahead of the measured pose by at most
+:data:`POSITION_LEAD_M` and :data:`ROTATION_LEAD_RAD`. This limit prevents windup when the arm is blocked.
 
-The controller remembers little between actions. This memory can be saved and restored (:meth:`ArmController.state`), so
+The few values that the controller remembers between actions can be saved and restored (:meth:`ArmController.state`), so
 an episode can be continued from any recorded state.
 """
 
@@ -90,7 +90,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Memory of a controller between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
+    """What a controller remembers between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -101,7 +101,7 @@ class ArmController:
     """Controller that converts the actions of one action space to servo references, once per control step.
 
     The robot's base must be at the world origin. ``prefix`` is the prefix of the robot's names in the scene. If
-    ``dynamics`` contain a backlash, the servos hold each joint up to half of the play away from its reference (see
+    ``dynamics`` contain a backlash, the servos may hold each joint at up to half of the play from its reference (see
     :mod:`betterbench.sim.robots.dynamics`).
 
     Raises InvalidInputError if the controller does not support the action space, if the model lacks a part of the
@@ -168,7 +168,7 @@ class ArmController:
 
     @property
     def commanded_pose(self) -> Pose:
-        """Pose ``T_base_tcp`` to which the controller currently moves the arm."""
+        """Pose ``T_base_tcp`` that the controller is currently moving the arm to."""
         return self._pose
 
     @property
@@ -237,10 +237,10 @@ class ArmController:
     def gripper_command(self, applied: np.ndarray, last: float) -> float:
         """Return the gripper command of an applied action: -1 to open, 1 to close.
 
-        Some action spaces set the opening width itself. The command is then inferred from the widths. The gripper
-        closes while the commanded width is smaller than the measured width by at least :data:`CLOSING_LEAD_M`. This
-        includes the time in which it presses on an object. It opens while the commanded width is larger by at least the
-        same amount. Otherwise, the ``last`` command is kept.
+        Some action spaces set the opening width directly. The command is then inferred from the commanded and measured
+        widths. The gripper closes while the commanded width is smaller than the measured width by at least
+        :data:`CLOSING_LEAD_M`. This includes the time during which it presses on an object. It opens while the
+        commanded width is larger by at least the same amount. Otherwise, the ``last`` command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)
@@ -252,8 +252,8 @@ class ArmController:
         """Convert an ``ee_delta`` action to the equivalent action of this controller's action space.
 
         Planned motions are sequences of ``ee_delta`` actions. This method expresses them in the action space of a
-        policy, for the state in which the controller was reset or last applied an action. It supports ``ee_delta``
-        itself and action spaces of absolute joint angles.
+        policy, starting from the state in which the controller was reset or last applied an action. It supports
+        ``ee_delta`` itself and action spaces of absolute joint angles.
 
         Args:
             action: Action in ``ee_delta``, (7,).
@@ -353,7 +353,7 @@ class ArmController:
         return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
-        """Return the commanded opening width [m] after one step at the gripper's speed, as the command directs."""
+        """Return the commanded opening width [m] after one control step with the given gripper command."""
         if command == 0.0:
             return self._width
         spec = self.spec
@@ -398,7 +398,7 @@ _DRIVEN: dict[str, _Advance] = {
 
 
 def _through_play(goal: Joints, held: Joints, play: Sequence[float]) -> list[float]:
-    """Return the positions at which the servos hold the joints after their references have moved, given the backlash.
+    """Apply the backlash: return the positions at which the servos hold the joints after the references have moved.
 
     Args:
         goal: New references [rad].
@@ -427,7 +427,7 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
 def _bounded(
     pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
 ) -> Pose:
-    """Return the pose, moved toward ``center`` if it is farther away than the bounds allow."""
+    """Return the pose, moved toward ``center`` if it is farther from ``center`` than the bounds allow."""
     position, quaternion = pose.position, pose.quaternion
     cx, cy, cz = center.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz

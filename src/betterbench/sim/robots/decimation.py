@@ -86,7 +86,7 @@ def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np
 def decimated(
     pieces: Sequence[tuple[np.ndarray, np.ndarray]], weights: Sequence[float], target: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Decimate meshes to ``target`` triangles in total. If no further collapse is allowed, more triangles remain.
+    """Decimate meshes to ``target`` triangles in total, or to more triangles if no further edge may be collapsed.
 
     Pieces with more detail keep more triangles, because the edges of all pieces share one queue.
 
@@ -112,7 +112,7 @@ def decimated(
 
 
 class _Collapsing:
-    """Mesh whose edges are being collapsed."""
+    """Mesh during the collapse of its edges."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> None:
         # Coordinates are in millimeters here, so that squared lengths do not become too small.
@@ -278,7 +278,7 @@ def _minimum(q: Quadric) -> Point | None:
 
 
 def _keeps(before: list[Point], after: list[Point]) -> bool:
-    """Return whether a triangle whose corner moves keeps its orientation and does not become a sliver."""
+    """Return whether a triangle keeps its orientation and does not become a sliver when one of its corners moves."""
     n, m = _normal(before), _normal(after)
     size_n, size_m = math.hypot(*n), math.hypot(*m)
     longest = max(math.dist(after[0], after[1]), math.dist(after[1], after[2]), math.dist(after[2], after[0]))

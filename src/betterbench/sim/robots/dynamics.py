@@ -1,13 +1,14 @@
 """Dynamics of a robot that vary from trial to trial: servo gains, friction, rotor inertia and backlash.
 
-Some values of a robot are taken from a different robot or differ between copies of the robot. For each such quantity,
-the robot declares a range and its source. A trial draws one value per joint and applies the values to a copy of the
-compiled model. A robot without such ranges uses the model itself.
+Some values of a robot are borrowed from a different robot, or differ between copies of the robot. For each such
+quantity, the description of the robot declares a range and states the source of the range. A trial draws one value per
+joint and applies the values to a copy of the compiled model. For a robot without such ranges, the model is used
+unchanged.
 
 **Backlash** is the free play of a joint's gears. It is modeled between the reference of the position servo and the
 position at which the servo holds the joint: the joint follows only after the reference has moved through the play. The
 error of the joint is therefore up to half of the play, with a sign that depends on the direction of the last motion.
-Dry friction keeps the joint where it stopped. In reality, a load can move the joint within the play. This is not
+Dry friction keeps the joint where it stopped. In reality, a load can also move the joint within the play, which is not
 modeled.
 """
 
@@ -27,7 +28,7 @@ Dynamics = Mapping[str, tuple[float, ...]]
 
 
 def draw_dynamics(spec: RobotSpec, generator_of: Callable[[str], np.random.Generator]) -> Dynamics:
-    """Draw the dynamics of one trial. The result is empty for a robot whose dynamics do not vary.
+    """Draw the dynamics of one trial. The result is empty if the robot's dynamics do not vary.
 
     Args:
         spec: Description of the robot.

@@ -1,4 +1,4 @@
-"""Gripper of a robot without its arm, carried by three stiff slides. It is used to try grasps on a single object."""
+"""Gripper of a robot without its arm, carried by three stiff slides. It is used to test grasps of a single object."""
 
 from __future__ import annotations
 

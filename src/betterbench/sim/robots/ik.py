@@ -1,10 +1,11 @@
 """Inverse kinematics: one control step toward a pose, and joint angles that reach a pose.
 
 Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink (:class:`mink.FrameTask`,
-:class:`mink.Configuration`), on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs 20 times per
-simulated second with cold caches. It takes the same Jacobian directly from MuJoCo, in the base frame. A test compares
-the two. The quadratic program is assembled here and passed to DAQP, with the limits as simple bounds. Mink's own front
-end passes them as 28 general inequalities, which takes about three times as long.
+:class:`mink.Configuration`), on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs only 20 times per
+simulated second, so it always finds the CPU caches cold. To save time, it computes the same Jacobian directly with
+MuJoCo, in the base frame. A test compares the two Jacobians. The quadratic program is assembled here and passed to
+DAQP, with the limits as simple bounds. Mink's own interface to the solver passes the limits as 28 general inequalities,
+which takes about three times as long.
 
 Each iteration minimizes over the joint step ``d``
 
@@ -72,8 +73,8 @@ _Window = tuple[Sequence[float], Sequence[float], float]
 class IKResult:
     """Joint angles (n,) [rad] that were found for a pose, and their remaining errors. The array is read-only.
 
-    ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` is the total over all
-    starts of the search.
+    ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` is the total number of
+    iterations over all starts of the search.
     """
 
     q: np.ndarray
@@ -148,9 +149,9 @@ class ArmIK:
     ) -> list[float]:
         """Return the same joint angles as :meth:`solve`, as plain numbers.
 
-        The method uses plain floats, plain loops and MuJoCo's own small functions. Between two physics steps the caches
-        are cold, so an array operation takes three times as long as in an isolated benchmark, and `all` and `map` take
-        twice as long as a loop.
+        The method uses plain floats, plain loops and MuJoCo's own small functions, because it runs between two physics
+        steps, when the CPU caches are cold. An array operation then takes three times as long as in an isolated
+        benchmark, and `all` and `map` take twice as long as a loop.
         """
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
@@ -167,9 +168,9 @@ class ArmIK:
     ) -> tuple[list[float], list[float]]:
         """Return the lowest and the highest joint references that are allowed one control step after ``q``.
 
-        All arguments and results are angles of the n joints [rad]. In one step, a joint obeys its velocity limit and
-        covers at most the fraction :data:`APPROACH` of its distance to a position limit, so that it slows down before
-        the limit. A joint outside its limits must return by at least this fraction, as far as its velocity limit
+        All arguments and results are angles of the n joints [rad]. In one step, a joint obeys its velocity limit. It
+        also covers at most the fraction :data:`APPROACH` of its distance to a position limit, so that it slows down
+        before the limit. A joint outside its limits must return by at least this fraction, as far as its velocity limit
         permits. Within these bounds, a reference stays within ``lead_rad`` of ``centers``.
         """
         lowest: list[float] = []
@@ -214,7 +215,7 @@ class ArmIK:
     ) -> IKResult:
         """Search for joint angles that reach ``T_base_tcp``. Return the first converged result, or else the best.
 
-        The search starts at ``q`` (n,) [rad]. With ``restarts``, it continues from fixed postures around the home
+        The search starts at ``q`` (n,) [rad]. If ``restarts`` is True, it continues from fixed postures around the home
         posture. It takes at most ``iterations`` per start. A rotation error of at most the robot's
         ``rotation_slack_rad`` is accepted. In that case, the search reaches the position exactly and makes the rotation
         error as small as possible. Raises InvalidInputError if ``q`` has a wrong shape or is not finite.
@@ -224,7 +225,7 @@ class ArmIK:
             raise InvalidInputError(
                 "start of the inverse kinematics",
                 f"{start!r} is not a valid joint vector",
-                f"Give {self.home.size} finite angles",
+                f"Pass {self.home.size} finite angles",
             )
         starts = [start]
         self._frame.aim(target)
@@ -301,12 +302,12 @@ class ArmIK:
     def _error_of(self, result: IKResult) -> float:
         """Return the weighted error of a result.
 
-        It serves to compare starts from which the search has not converged.
+        It is used to compare starts from which the search did not converge.
         """
         return POSITION_COST * result.position_error_m + self.spec.ik.orientation * result.rotation_error_rad
 
     def _place(self, q: Sequence[float] | np.ndarray) -> None:
-        """Set the joint angles (n,) [rad] and update the poses, but not the data that Jacobians need."""
+        """Set the joint angles (n,) [rad] and update the poses, but not the data that are needed for Jacobians."""
         self._set_joints(*q)
         mujoco.mj_kinematics(self._model, self._data)
 
@@ -379,7 +380,7 @@ class ArmIK:
     def _bounded_step(
         self, q: np.ndarray, low: np.ndarray, high: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
     ) -> np.ndarray:
-        """Return the joint angles inside the bounds that minimize a quadratic function of the step."""
+        """Minimize a quadratic function of the joint step within the bounds, and return the resulting joint angles."""
         step, _, flag, _ = daqp.solve(hessian, gradient, self._none, high - q, low - q, self._sense)
         if flag < 1:
             # The bounds never cross and the Hessian is positive definite, so the failure is a numerical one. The arm

@@ -12,13 +12,13 @@ class Jaw(Protocol):
     """Relation between the finger joints of a gripper and its opening width at the tool center point [m].
 
     Attributes:
-        closing_shift_m: Distance by which the tool moves along its y axis before the gripper closes, to bring a fixed
-            finger to an object [m].
+        closing_shift_m: Distance that the tool moves along its y axis before the gripper closes, to bring a fixed
+            finger next to an object [m].
     """
 
     @property
     def closing_shift_m(self) -> float:
-        """Distance by which the tool moves before the gripper closes [m]. See the description of :class:`Jaw`."""
+        """Distance that the tool moves before the gripper closes [m]. See the description of :class:`Jaw`."""
 
     def width_at(self, joints: Sequence[float]) -> float:
         """Return the opening width [m] for the given positions of the finger joints [m or rad]."""
@@ -92,9 +92,9 @@ class ParallelJaw:
 class HingedJaw:
     """One finger on a hinge that closes against a fixed finger. The control of the servo is the angle of the hinge.
 
-    The opening width at the hinge angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``. This is the distance,
-    along the opening direction, between the fixed finger and a reference point on the moving finger. When the jaw is
-    closed, the reference point is level with the tool center point.
+    The opening width at the hinge angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``. This is the distance
+    between the fixed finger and a reference point on the moving finger, measured along the opening direction. When the
+    jaw is closed, the reference point is level with the tool center point.
 
     Attributes:
         offset_m: Distance of the hinge from the fixed finger [m].
@@ -104,7 +104,7 @@ class HingedJaw:
         high_rad: Hinge angle of the fully open jaw [rad].
         fixed_m: Distance of the fixed finger from the tool center point, against the opening direction [m].
         clearance_m: Free distance between the fixed finger and an object while the tool moves down to the object [m].
-        press_m: Distance by which the tool then pushes the fixed finger against the object [m]. The closing jaw is
+        press_m: Distance that the tool then moves to push the fixed finger against the object [m]. The closing jaw is
             inclined and presses the object down. Without the fixed finger next to it, the object would jam on the
             table.
     """
@@ -150,7 +150,7 @@ class HingedJaw:
         return (self.control_at(width_m) - self.low_rad) / (self.high_rad - self.low_rad)
 
     def object_offset_m(self, width_m: float) -> float:
-        """Return the y coordinate in the tool frame [m] of the center of an object before a grasp.
+        """Return the y coordinate of an object's center in the tool frame before a grasp [m].
 
         The object is next to the fixed finger, at the distance ``clearance_m``.
         """

@@ -1,13 +1,13 @@
 """Visual meshes of the arm. They are read from an installed package, decimated once, and cached for the user.
 
-The STL files come with the ``gymnasium-robotics`` wheel. They contain 134,000 triangles, which would dominate the time
-of software rendering. Each file is split into its connected parts, and the parts are sorted by paint. All parts
-together are then decimated to a fixed number of triangles, of which parts with more detail get more
+The STL files come with the ``gymnasium-robotics`` wheel. They contain 134,000 triangles, which would take up most of
+the time of software rendering. Each file is split into its connected parts, and the parts are sorted by paint. All
+parts together are then decimated to a fixed number of triangles. Parts with more detail keep more triangles
 (:mod:`~betterbench.sim.robots.decimation`).
 
 The name of the cache file is a hash of the source files, the number of triangles and the version of the recipe. The
 file is written under a temporary name and then renamed, so that two processes may write it at the same time. Its first
-line is the SHA-256 of its name and the rest of its content. If the file is changed or unreadable, it is generated
+line is the SHA-256 of the file name and the rest of the content. If the file is changed or unreadable, it is generated
 again.
 """
 
@@ -161,7 +161,7 @@ def _prepare(
 
 
 def _connected(count: int, faces: np.ndarray) -> np.ndarray:
-    """Return the index of the connected part to which each vertex belongs, shape (count,), for triangles (F, 3)."""
+    """Find the connected parts of a mesh with triangles (F, 3). Return the part index of each vertex (count,)."""
     labels = np.arange(count)
     while True:
         before = labels.copy()
@@ -214,7 +214,7 @@ _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Delete temporary files that are older than an hour, because the processes that wrote them were killed."""
+    """Delete temporary files that are older than an hour. The processes that wrote them were killed."""
     for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)

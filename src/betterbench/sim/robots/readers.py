@@ -1,6 +1,6 @@
 """Fast access to the physics engine's arrays as plain floats, for use at every control step.
 
-Between two physics steps the CPU's caches are cold, so an array operation takes several times as long as in an isolated
+Between two physics steps, the CPU caches are cold, so an array operation takes several times as long as in an isolated
 benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting the result.
 """
 

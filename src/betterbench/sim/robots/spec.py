@@ -47,7 +47,7 @@ class IKWeights:
         posture: Cost of the distance to the home posture [1/rad].
         step_damping: Damping of a control step [1/rad2].
         reach_damping: Damping of an iteration when searching for the joint angles of a pose [1/rad2].
-        rotation_slack_rad: Largest rotation error at which a pose still counts as reached [rad].
+        rotation_slack_rad: Largest rotation error that is accepted when a pose is reached [rad].
     """
 
     orientation: float
@@ -69,8 +69,8 @@ class Workspace:
         retreat_m: Height by which the tool retreats after releasing an object.
         leave_m: Length at the beginning of a path on which contacts are allowed, because the planner cannot choose
             where a path starts.
-        check_step_m: Distance between configurations that are checked along a path. It is so small that a finger cannot
-            pass through a wall between two checked configurations.
+        check_step_m: Distance between configurations that are checked along a path. It is small enough that a finger
+            cannot pass through a wall between two checked configurations.
     """
 
     carry_heights_m: tuple[float, ...]
@@ -83,14 +83,14 @@ class Workspace:
 
 @dataclass(frozen=True, slots=True)
 class SteeringLimits:
-    """Limits of the tool positions to which an operator can send a robot, in the robot's base frame.
+    """Limits of the tool positions that an operator can command, in the robot's base frame.
 
     Attributes:
         center: Point from which the reach is measured [m].
-        back_m: Distance from the tool center point back along the approach direction to the point whose reach is
-            limited [m]. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
+        back_m: Distance [m] from the tool center point, back along the approach direction, to the point that must stay
+            within reach. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
             arm that tilts its tool.
-        longest_m: Largest distance of the limited point from the center [m].
+        longest_m: Largest distance of this point from the center [m].
         nearest_m: Smallest horizontal distance of the tool from the center [m]. If the tool came closer, the arm would
             hit itself.
         highest_m: Largest height of the tool [m].
@@ -107,9 +107,9 @@ class SteeringLimits:
 class RobotSpec:
     """Description of a robot, for controllers, scenes and experts.
 
-    Names are those in the robot's own model. A scene attaches the robot under a prefix and has to pass the prefix. Arm
-    joints are listed from base to flange, and all per-joint tuples follow that order, with angles in rad and velocity
-    limits in rad/s.
+    All names are those in the robot's own model. A scene attaches the robot under a prefix and has to pass the prefix.
+    Arm joints are listed from base to flange, and all per-joint tuples follow that order, with angles in rad and
+    velocity limits in rad/s.
 
     Attributes:
         name: Name in the registry ("panda").
@@ -124,7 +124,7 @@ class RobotSpec:
         hand_body: Body that carries the fingers.
         arm_bodies: Bodies of the arm, without the gripper.
         tcp_site: Site of the tool center point between the pads, with z along the approach direction and y along the
-            direction in which the fingers open.
+            opening direction of the fingers.
         joint_effort: Maximum torque of each servo [N m].
         gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].
@@ -145,10 +145,9 @@ class RobotSpec:
         workspace: Heights and distances for motion planning.
         steering: Limits of an operator's targets. They are not part of the JSON form, because they do not change
             results.
-        dynamics: Quantities of the dynamics for which each trial draws values. Empty for a robot whose dynamics are
-            known.
-        kept_apart: Pairs of the robot's bodies that could touch each other in the workspace, and that the planner keeps
-            apart. They are not part of the JSON form, because they do not change the physics.
+        dynamics: Quantities of the dynamics for which each trial draws values. Empty if the robot's dynamics are known.
+        kept_apart: Pairs of the robot's bodies that the planner keeps apart, because they could touch each other in the
+            workspace. They are not part of the JSON form, because they do not change the physics.
     """
 
     name: str
@@ -199,11 +198,11 @@ class RobotSpec:
                 raise InvalidInputError(
                     f"robot {self.name!r}",
                     f"{field} has {len(getattr(self, field))} entries",
-                    f"Give one entry per joint ({n})",
+                    f"Use one entry per joint ({n})",
                 )
         if any(len(offset) != n for offset in self.posture_offsets):
             raise InvalidInputError(
-                f"robot {self.name!r}", "an entry of posture_offsets has a wrong length", f"Give {n} angles in each"
+                f"robot {self.name!r}", "an entry of posture_offsets has a wrong length", f"Use {n} angles in each"
             )
         for joint, low, home, high in zip(
             self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True
@@ -283,7 +282,7 @@ def robot(name: str) -> RobotSpec:
 
 
 def robot_of_space(action_space: str) -> RobotSpec:
-    """Return the robot whose motors are commanded directly by an action space.
+    """Return the robot for an action space that commands the robot's motors directly.
 
     Raises UnknownNameError if no robot executes the action space.
     """
@@ -294,7 +293,7 @@ def robot_of_space(action_space: str) -> RobotSpec:
 
 
 def robot_space(name: str, action_space: str | None = None) -> str:
-    """Return the name of the action space to use with a robot. If none is requested, it is the robot's default.
+    """Return the name of the action space to use with a robot: the requested one, or else the robot's default.
 
     Raises:
         UnknownNameError: If the robot is unknown or does not execute the requested action space.

@@ -18,7 +18,7 @@ BACKLASH: Quantity = "backlash"
 
 @dataclass(frozen=True, slots=True)
 class VariedQuantity:
-    """Range of one varied quantity. For each joint of the arm and the gripper, a trial draws one value from it.
+    """Range of one varied quantity. For each joint of the arm and the gripper, a trial draws one value from the range.
 
     Attributes:
         quantity: Name of the quantity.

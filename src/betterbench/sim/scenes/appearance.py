@@ -55,8 +55,8 @@ def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") ->
     """Return the index of the variant that an object has in a trial.
 
     Objects of the same asset have the same variant in a trial, whatever the scene. Over all sets of variants, every
-    variant of an object kind occurs equally often, independently of the variants of other kinds and of the room.
-    Categories of one family and color share their variant, for example a cabinet and its drawers.
+    variant of an object kind occurs equally often, whatever the variants of other kinds and the room are. Categories of
+    the same family and color, such as a cabinet and its drawers, have the same variant.
     """
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
     return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
@@ -74,12 +74,12 @@ def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
 
 
 def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
-    """Return the drawn dynamics of the robot in a trial. The result is empty for a robot whose dynamics do not vary."""
+    """Return the drawn dynamics of the robot in a trial. The result is empty if its dynamics do not vary."""
     return draw_dynamics(robot, lambda quantity: stream(task, seed, f"robot dynamics:{quantity}"))
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return the index below ``count`` that a trial has drawn for one kind of object or for the room.
+    """Return the index, from 0 to ``count - 1``, that a trial has drawn for one kind of object or for the room.
 
     Successive sets of variants take the choices in a shuffled order, which is different for each kind.
     """

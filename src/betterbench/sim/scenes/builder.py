@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed, including choice and placement of assets, and labels of geoms."""
+"""Compilation of a scene from a condition and a seed: assets are chosen and placed, and geoms are labeled."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Pose in the compiled model of a fixed object or a closed drawer.
+        """Pose of a fixed object or a closed drawer in the compiled model.
 
         It is None for an object that moves freely.
         """
@@ -53,14 +53,14 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """Compiled model and the meaning of its parts. All scenes with the same assets share it.
+    """Compiled model and the meaning of its parts. All scenes with the same assets share this value.
 
     Attributes:
         content_hash: Hash of everything that the model is compiled from (hex, 16 characters).
         bodies: Body id of each object, in scene order.
         qpos_addresses: First index into qpos of each object, or -1 if the object is fixed.
         dof_addresses: First index into qvel of each object, or -1 if the object is fixed.
-        slides: Boolean array (n,) that is True for drawers, whose only joint coordinate is their opening [m].
+        slides: Boolean array (n,) that is True for drawers. The only joint coordinate of a drawer is its opening [m].
         geom_labels: Index of each geom's label (ngeom,), or -1 for a geom without one. Labels are the object names,
             followed by :data:`LABELS`.
     """
@@ -133,7 +133,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return how far a drawer is open at the start [m]. Raise an error if the drawer cannot be opened that far."""
+    """Return how far a drawer is open at the start of a trial [m]. Raises an error if it cannot be opened that far."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
@@ -143,7 +143,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the name of the object on which a pre-placed object rests.
+    """Return the name of the object that supports a pre-placed object.
 
     In a stack, this is the object in the next lower layer. Otherwise it is the target.
     """
@@ -158,7 +158,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which a target supports other objects, in the frame of the target [m]."""
+    """Return the center of a target's supporting surface, in the frame of the target [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"objects cannot be pre-placed {relation.name!r} a target, because the relation has no surface"
@@ -167,12 +167,12 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Draw the pose of a pre-placed object at its target from the poses in which demonstrations have left objects.
+    """Draw the pose of a pre-placed object at its target from the final poses of objects in demonstrations.
 
-    The trial's random stream makes the choice. In a container, the object is moved away from the walls if necessary.
-    This is never necessary with the assets of the demonstration.
+    The trial's random stream selects one of these poses. In a container, the object is then moved away from the walls
+    if necessary. This is never necessary if the assets are those of the demonstration.
 
-    Raises InvalidInputError if no measured demonstration places an object there.
+    Raises InvalidInputError if no measured demonstration places an object at this target.
     """
     place, kind = condition.preplaced[name], condition.object(name).kind
     asset, on = chosen[name], chosen[place.target]
@@ -196,7 +196,9 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
 
 
 def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping[str, Asset]) -> dict[str, Pose]:
-    """Return the poses of objects that are pre-placed in the same place, as one demonstration left them together.
+    """Return poses for objects that are pre-placed in the same place.
+
+    All objects in the same place get their poses from the same demonstration.
 
     The poses are ``T_middle_object``. They are drawn from demonstrations with the same assets, because objects in a
     container lean on each other. Objects without such a demonstration are left out.
@@ -224,10 +226,10 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This is needed where no demonstration has left the same assets together (see :func:`_drawn_together`), so the two
-    poses come from different demonstrations. Both objects keep their heading. They are moved along the line through
-    their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are not
-    moved.
+    This is needed if no demonstration left the same assets together (see :func:`_drawn_together`), because the two
+    poses then come from different demonstrations. Both objects keep their heading. They are moved along the line
+    through their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are
+    not moved.
     """
     for first, second in itertools.combinations(flats, 2):
         if condition.preplaced[first] != condition.preplaced[second]:

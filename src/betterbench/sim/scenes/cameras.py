@@ -43,7 +43,7 @@ class CameraMatrices:
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
-            raise InvalidInputError("points", f"the array has the shape {array.shape}", "Give an array of shape (n, 3)")
+            raise InvalidInputError("points", f"the array has the shape {array.shape}", "Pass an array of shape (n, 3)")
         R_world_camera = _rotation_matrix(self.T_world_camera.quaternion)
         local = (array - np.asarray(self.T_world_camera.position)) @ R_world_camera
         depth = local[:, 2]
@@ -61,7 +61,7 @@ class CameraMatrices:
         """
         if depth.shape != (self.height, self.width):
             raise InvalidInputError(
-                "depth", f"has the shape {depth.shape}", f"Give an array of shape {(self.height, self.width)}"
+                "depth", f"has the shape {depth.shape}", f"Pass an array of shape {(self.height, self.width)}"
             )
         v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
         x, y = (u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1]
@@ -72,7 +72,7 @@ class CameraMatrices:
 
 
 class ViewPlacement:
-    """Poses of a model's cameras and key light in a trial, i.e. their nominal poses changed by the trial's jitter."""
+    """Poses of a model's cameras and key light in a trial, i.e. the nominal poses with the trial's jitter applied."""
 
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
         """Store the poses after applying the jitter. Jitter of cameras that the model does not have is ignored."""
@@ -111,7 +111,7 @@ _STILL = CameraOffset((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def camera_matrices(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
 ) -> CameraMatrices:
-    """Return the intrinsics and the pose of a model's camera in a state whose positions are up to date.
+    """Return the intrinsics and the pose of a model's camera in a state with up-to-date positions.
 
     Raises UnknownNameError if the model does not have the camera, and InvalidInputError if the image size is out of
     range.

@@ -23,7 +23,8 @@ class Clearance:
     """Collision checker for the robot and an object in its gripper. It works on a copy of the scene.
 
     Attributes:
-        keeps_apart: Whether to check contacts between robot parts that the robot's description requires to stay apart.
+        keeps_apart: Whether to check contacts between robot parts that have to stay apart according to the robot's
+            description.
     """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
@@ -74,7 +75,7 @@ class Clearance:
     def _let_look(self, i: int, *, looks: bool) -> None:
         """Set whether a labeled body is checked against all other bodies.
 
-        If it is not, it is still found in the checks of the other bodies.
+        If it is not, contacts with it are still found when other bodies are checked.
         """
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]

@@ -34,14 +34,14 @@ Groups = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class _Row(NamedTuple):
-    """Reading of the contacts without their forces. It is reused as long as the same pairs of bodies are in contact.
+    """Contacts that were read, without forces. They are reused as long as the same pairs of bodies are in contact.
 
     Attributes:
         groups: Pairs of bodies that the engine lists.
         kept: Contacts of the sleeping objects, by the index of the pair.
         order: Indices of all pairs in contact.
         contacts: Contacts in the order of ``order``. If the force still has to be read, the contact is a placeholder.
-        awake: Contacts whose force has to be read: index in ``contacts``, both names, and addresses of the forces.
+        awake: Contacts that still need their force: index in ``contacts``, both names, and addresses of the forces.
         held: Name of the object in the gripper, or None.
     """
 
@@ -96,7 +96,7 @@ class ContactReader:
         self._passed: dict[int, float] = {}
 
     def start_step(self) -> None:
-        """Forget the transient contacts of the last control step, i.e. the contacts that ended before the step did."""
+        """Forget the transient contacts of the last control step, i.e. the contacts that ended during the step."""
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:
@@ -139,7 +139,7 @@ class ContactReader:
         return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
-        """Return everything except ``data`` on which the next reading depends.
+        """Return everything, except ``data``, that affects the next reading.
 
         The engine's data for the sleeping objects are copied.
         """
@@ -224,8 +224,9 @@ class ContactReader:
     def _sleep_on(self, sleeping: tuple[int, ...], places: tuple[Vector, ...]) -> bool:
         """Return whether the cached contacts of the sleeping objects are still valid.
 
-        They are valid if all sleeping objects already slept at the same positions at the last call, and none of them is
-        in contact with an object that has woken up. Recomputing the contacts would take as long as a control step.
+        They are valid if all sleeping objects were already asleep at the same positions at the last call, and none of
+        them is in contact with an object that has woken up. Recomputing the contacts would take as long as a control
+        step.
         """
         before = dict(zip(*self._kept_for, strict=True))
         if not all(i in before and before[i] == place for i, place in zip(sleeping, places, strict=True)):

@@ -3,8 +3,8 @@
 MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry that is outside the view or behind other
 geometry. By then, a software renderer has already transformed the vertices and painted the pixels. For a wrist camera,
 which has most of the robot behind it, a third of the rendering time is spent on geoms outside its view. A geom can be
-removed if its bounding sphere lies beyond one side of the view, and the sky can be removed if the floor fills the view.
-Neither changes any pixel.
+removed if its bounding sphere lies completely outside one side of the view. The sky can be removed if the floor fills
+the view. Neither changes any pixel.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _Vector = tuple[float, float, float]
 
 
 class Culling:
-    """Visibility test for a perspective camera whose optical axis goes through the center of the image.
+    """Visibility test for a perspective camera. The optical axis must go through the center of the image.
 
     ``scene`` must be the MuJoCo scene (``MjvScene``) that the renderer fills again for each image.
     """
@@ -48,7 +48,7 @@ class Culling:
         Only meshes with many faces are tested, and only for cameras that are attached to a moving body, because a
         static camera sees the whole table. ``aspect`` is the width of the image divided by its height. If ``geoms`` is
         False, no geom is removed. This is necessary for images with shadows, because a geom outside the view may cast a
-        shadow into it.
+        shadow into the view.
         """
         if self._scene.ngeom != self._filled:
             self._learn()

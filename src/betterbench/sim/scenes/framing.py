@@ -80,7 +80,7 @@ class Framing:
 
 
 class FramingView:
-    """Measurements in images of a scene. The scene itself is not changed."""
+    """Measures the framing in images of a scene, without changing the scene."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the model of the scene, and create a renderer for the copy."""
@@ -185,7 +185,7 @@ def framing_faults(scene: Scene) -> tuple[str, ...]:
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
-    """Return the names of the objects to which an instruction's steps refer, in order and without duplicates."""
+    """Return the names of the objects that an instruction's steps refer to, in order and without duplicates."""
     names: dict[str, None] = {}
     for step in condition.instruction.subgoals:
         found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]
@@ -198,7 +198,7 @@ def asked_objects(condition: Condition) -> tuple[str, ...]:
 
 
 def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
-    """Yield all extreme jitters of a camera, with every shift and rotation at one end of its range."""
+    """Yield all extreme jitters of a camera, in which every shift and every rotation is at one end of its range."""
     for signs in itertools.product((-1.0, 1.0), repeat=6):
         x, y, z, rx, ry, rz = signs
         shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
@@ -211,9 +211,9 @@ def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
 
     The distance is measured at the depth of the point, and is negative for points outside the image.
 
-    A slot is represented by the corners of the area in which its object may start. A target region is represented by
-    its corners, for all start positions of the object that it belongs to and with open drawers. If the order of the
-    steps is given, a target that an earlier step moves is not measured.
+    A slot is represented by the corners of the area of possible start positions. A target region is represented by its
+    corners, for all start positions of the object that it belongs to and with open drawers. If the order of the steps
+    is given, targets that an earlier step moves are ignored.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -263,7 +263,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return the slot of an object, or the slot of the object in which it is mounted or on which it is pre-placed."""
+    """Return the slot of an object. If it is mounted in or pre-placed on another object, return that object's slot."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

@@ -50,7 +50,7 @@ class Closable(Protocol):
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return the properties of OpenGL and MuJoCo that determine the pixels of an image besides the scene.
+    """Return the properties of OpenGL and MuJoCo that determine, together with the scene, the pixels of an image.
 
     On two machines with equal properties, images are equal. The properties are OpenGL's ``backend``, ``vendor``,
     ``renderer`` and ``version``, and the version of ``mujoco``. Raises MissingDependencyError if off-screen OpenGL does
@@ -82,7 +82,7 @@ RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
 
 
 def make_current() -> None:
-    """Make the OpenGL context of this process current. At the first call, create it."""
+    """Make the OpenGL context of this process current. The first call also creates the context."""
     known = CONTEXT.query
     if known is not None and CONTEXT.thread == threading.get_ident() and CONTEXT.pid == os.getpid():
         # Querying EGL for the current context takes 1 us. Making a context current takes 50 us, which is 1 % of the
@@ -113,7 +113,7 @@ def make_current() -> None:
 def _egl_current_context() -> Callable[[], int | None]:
     """Return EGL's function ``eglGetCurrentContext``.
 
-    The function is called without PyOpenGL's wrapper, which would take more time than the query saves.
+    It bypasses PyOpenGL's wrapper, which would take more time than the query saves.
     """
     function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
     function.restype = ctypes.c_void_p

@@ -100,7 +100,10 @@ def _box(center: np.ndarray, half: np.ndarray) -> Surface:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> Surface:
-    """Return a mesh with one vertex per combination of position, normal and texture coordinate, as glTF requires."""
+    """Return a mesh with a separate vertex for each combination of position, normal and texture coordinate.
+
+    glTF requires such meshes.
+    """
 
     def rows(array: np.ndarray, address: np.ndarray, number: np.ndarray) -> np.ndarray:
         first = int(address[mesh])
@@ -134,7 +137,7 @@ def _joined(parts: list[Surface]) -> Surface:
 
 
 def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]]) -> bytes:
-    """Return the GLB file for the given surfaces, whose keys are their color and texture."""
+    """Return the GLB file for the given surfaces, which are keyed by color and texture."""
     import trimesh  # noqa: PLC0415 - takes 0.6 s, which only a viewer needs
 
     scene = trimesh.Scene()

@@ -23,7 +23,7 @@ def pose_of(numbers: Sequence[float] | np.ndarray) -> Pose:
 def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
     """Return a model with a table top at z = 0 and the physics options of betterbench's scenes.
 
-    The only difference is that MuJoCo's sleeping is turned off.
+    The only difference is that MuJoCo does not put resting objects to sleep.
     """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)

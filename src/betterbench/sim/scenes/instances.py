@@ -29,7 +29,7 @@ def object_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def robot_in(model: mujoco.MjModel) -> RobotSpec | None:
-    """Return the robot whose gripper a scene model contains, or None if the model has no robot."""
+    """Return the robot in a scene model, recognized by its gripper, or None if the model has no robot."""
     bodies = {model.body(body).name.removeprefix(ROBOT_PREFIX) for body in range(model.nbody)}
     for name in robot_names():
         known = robot(name)
@@ -73,7 +73,7 @@ def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
 
 
 def _points(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return points (n, 3) in a geom's body frame [m] whose bounding box contains the geom."""
+    """Return points (n, 3) such that their bounding box contains the geom, in the frame of the geom's body [m]."""
     if int(model.geom_type[geom]) == _MESH:
         mesh = int(model.geom_dataid[geom])
         start = int(model.mesh_vertadr[mesh])

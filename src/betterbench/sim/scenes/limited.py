@@ -1,4 +1,4 @@
-"""Rendering of stored scenes that are not trusted, in a separate process with limits.
+"""Rendering of untrusted stored scenes in a separate process with memory and time limits.
 
 A stored scene is a model in MuJoCo's binary format. MuJoCo does not validate such files, so a forged file can crash or
 hang the process or exhaust the memory. The process that opens them therefore has limits for memory and time, and sends
@@ -268,13 +268,14 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended or was told to end."""
+        """Whether the process has ended or has been asked to end."""
         return self._process.is_closed
 
     def stop(self) -> None:
         """End the process.
 
-        This method may be called from another thread. A thread that waits for an answer then gets a RecordError.
+        This method may be called from another thread. If a thread is waiting for an answer, RecordError is raised in
+        that thread.
         """
         self._told_to_end = True
         self._process.stop()
@@ -344,9 +345,9 @@ class LimitedView:
 class LimitedViews:
     """Pool of processes that render stored scenes.
 
-    They stay open for the later steps of a command until the pool is closed.
+    The processes stay open until the pool is closed, so that later steps of a command can use them again.
 
-    Reusing a process saves the half second of CPU time that a new process needs before its first image.
+    This saves the half second of CPU time that a new process needs before its first image.
     """
 
     def __init__(self) -> None:
@@ -444,7 +445,10 @@ class _Drawer:
 
 
 def draw_for_parent(quality: str, size: int | str) -> None:
-    """Run the rendering process: answer requests from standard input on standard output until the input ends."""
+    """Run the rendering process: read requests from standard input, and write the answers to standard output.
+
+    The function returns when the input ends.
+    """
     drawer = _Drawer(quality, int(size))
     answer_requests(drawer.answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=REQUEST_CPU_S, unexpected=_unexpected)
 

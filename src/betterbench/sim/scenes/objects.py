@@ -150,9 +150,8 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 def rest_pose(asset: Asset) -> Pose:
     """Return the pose ``T_surface_object`` of an asset at rest on a flat surface (z = 0 in the surface frame).
 
-    The asset settles alone, starting from its nominal pose. This changes its pose by a contact depth of less than a
-    millimeter and a tilt of less than a tenth of a degree. The result depends only on the asset, not on neighboring
-    objects.
+    The asset settles alone, starting from its nominal pose. It sinks in by less than a millimeter and tilts by less
+    than a tenth of a degree. The result depends only on the asset, not on neighboring objects.
     """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)

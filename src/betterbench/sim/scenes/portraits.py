@@ -28,7 +28,7 @@ def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) ->
     Args:
         asset: Asset to render.
         pixels: Width and height of the image.
-        turned_degrees: Angle about the vertical by which the camera is turned away from the front of the asset.
+        turned_degrees: Angle about the vertical between the camera and the front of the asset.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.

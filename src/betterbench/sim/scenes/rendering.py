@@ -68,8 +68,8 @@ class Renderer:
 
     Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms. The first renderer of a
     process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is used.
-    Poses, colors and materials may change between images, but meshes and textures may not. The quality overrides the
-    visual settings of the model itself.
+    Poses, colors and materials may change between images, but meshes and textures may not. The quality preset overrides
+    the visual settings that are stored in the model.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.
@@ -326,7 +326,7 @@ class Renderer:
         """Return a table (n,) int32 that maps a segment index plus one to a body id. Entry 0 is the background.
 
         MuJoCo numbers the rendered geoms in the order of the model and skips invisible geoms. The table therefore
-        depends only on which geoms have an opacity of zero.
+        depends only on which geoms are invisible, i.e. have an opacity of zero.
         """
         model = self.model
         key = (model.geom_rgba[:, 3] > 0.0).tobytes() + (model.mat_rgba[:, 3] > 0.0).tobytes()
@@ -360,7 +360,7 @@ class Renderer:
 def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
     """Decode the colors of a geometry pass with ``geoms`` geoms.
 
-    Return the segment index plus one of each pixel of the upright image (height, width).
+    Return an upright image (height, width) that contains, for each pixel, the segment index plus one.
     """
     upright = as_upright(colors)
     segments = upright[:, :, 0].astype(np.int32)
@@ -392,7 +392,7 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
 
 
 def _visible_groups() -> mujoco.MjvOption:
-    """Return rendering options that show the geom groups 0 to 2, without marks, sites or contacts."""
+    """Return rendering options that show only the geom groups 0 to 2, but no marks, sites or contacts."""
     option = mujoco.MjvOption()
     option.flags[:] = 0
     option.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 1

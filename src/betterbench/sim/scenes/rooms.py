@@ -1,8 +1,8 @@
 """Rooms: the table top, wall, floor and light of a scene. The seed of a trial determines its room.
 
 No table top has a color that instructions use. Objects in red, blue, yellow, bright green, white, black or the browns
-of food are therefore visible on all table tops. Ambient, key and fill light add up to at most 1 on any surface, so that
-no color is clipped and white can still be told from light gray.
+of food are therefore visible on all table tops. Ambient, key and fill light add up to at most 1 on any surface. No
+color is therefore clipped, and white still differs from light gray.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """Appearance of a table top and its surroundings, and the light in which they are seen.
+    """Appearance of a table top and its surroundings, including the light.
 
     Attributes:
         name: Name of the room.
@@ -87,7 +87,7 @@ CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48
 def with_cloth(room: Room, cloth: str | None) -> Room:
     """Return a room with a tablecloth of the given color. If the color is None, the table stays bare.
 
-    Wall, floor and light stay those of the room, so that conditions with the same seed differ only in the cloth.
+    Wall, floor and light do not change, so that conditions with the same seed differ only in the cloth.
 
     Raises:
         UnknownNameError: If there is no tablecloth of this color.

@@ -102,10 +102,9 @@ class Scene:
     ) -> None:
         """Build, compile and reset the scene.
 
-        By default, the robot is the one for which the task was designed. With ``steady_views``, the cameras and the
-        light are in their nominal poses, as with a real camera that is not moved between trials. A control step
-        consists of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded to a rate with such a
-        period.
+        By default, the robot is the one that the task was designed for. If ``steady_views`` is True, the cameras and
+        the light are in their nominal poses, like a real camera that is not moved between trials. A control step must
+        consist of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded accordingly.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
@@ -205,7 +204,8 @@ class Scene:
     def data(self) -> mujoco.MjData:
         """The engine's data, with poses of bodies, cameras and lights that are up to date.
 
-        Read this property again after each step. Only reading it updates the poses of cameras and lights.
+        Read this property again after each step, because the poses of cameras and lights are updated only when it is
+        read.
         """
         self._tool = None  # the caller may move the arm in the data
         if not self._views_are_placed:  # skipped for steps without images
@@ -233,7 +233,7 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names that contacts use: first the names of the objects, then the names of robot parts and the stage."""
+        """Names of the bodies in contacts: first the objects, then the parts of the robot and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:
@@ -289,8 +289,8 @@ class Scene:
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Reset the scene to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if ``check_premise`` is True and the scene contradicts what the task takes for granted about
-        its start.
+        Raises PremiseError if ``check_premise`` is True and the scene violates an assumption of the task about its
+        initial state.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
@@ -315,7 +315,7 @@ class Scene:
         return state
 
     def snapshot(self) -> SceneSnapshot:
-        """Return the complete current state as a snapshot, to which :meth:`restore` can return."""
+        """Return a snapshot of the complete current state, for :meth:`restore`."""
         return SceneSnapshot(
             copy.copy(self._data),
             self.controller.state(),

@@ -25,7 +25,7 @@ from betterbench.sim.scenes.stored import StoredState
 
 _NEAR_M = 0.01
 _SUNK_M = 0.002
-"""Depth to which an object that counts as above the table may sink into it [m]."""
+"""Maximum depth by which an object may sink into the table and still be considered above it [m]."""
 _LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)
@@ -251,10 +251,10 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return, for each given object, its index, and the number of pixels and the box of its unoccluded outline.
+        """Return the index of each given object, with the number of pixels and the box of its unoccluded outline.
 
-        Objects whose regions of the image do not overlap are rendered together. An outline is reused as long as neither
-        the object nor the camera moves.
+        Objects are rendered together if their regions of the image do not overlap. An outline is reused as long as
+        neither the object nor the camera moves.
         """
         matrices, known = drawn.matrices, self._outlines[drawn.number]
         where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()
@@ -323,7 +323,7 @@ def _apart(a: Box, b: Box) -> bool:
 
 
 def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
-    """Return the number of pixels that a body has in a region of a mask, and the tight box around these pixels."""
+    """Return the number of pixels of a body in a region of a mask, and the tight box around these pixels."""
     left, top, right, bottom = rect
     hit = masks[top:bottom, left:right] == body
     rows = np.flatnonzero(hit.any(axis=1))

@@ -1,7 +1,7 @@
 """Textures of table tops. The materials differ in their pattern, not only in their color.
 
-Strong patterns are coarse and fine patterns are faint. In an image of 256 pixels, the front camera shows about 2.7 mm
-of table per pixel, so high-contrast stripes or grains of that size would cause moire.
+Strong patterns are coarse and fine patterns are faint. In an image of 256 pixels, each pixel of the front camera shows
+about 2.7 mm of the table. High-contrast stripes or grains of that size would cause moire.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _wood(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _planks(color: np.ndarray, size: int) -> np.ndarray:
-    """Paint five weathered planks whose tones differ clearly."""
+    """Paint five weathered planks with clearly different tones."""
     return _staves(color, size, 5, 0.11, 20_014)
 
 

@@ -1,6 +1,6 @@
-"""Short trials of one asset for the person who reviews it: a drop onto a table, and a lift with a grasp.
+"""Short simulations for testing an asset during a review: a drop onto a table, and a lift with a grasp.
 
-Each trial returns the motion, which is displayed, and a sentence that states the result.
+Each simulation returns the motion to display and a sentence that states the result.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DROP_M = 0.03
 """Height from which an asset is dropped [m]."""
 _WATCHED_S, _STILL_S = 2.0, 0.5
 _STILL_M_S = 0.004
-"""Surface speed below which an asset counts as at rest [m/s]."""
+"""Surface speed below which an asset is considered to be at rest [m/s]."""
 _TIPPED_DEGREES = 8.0
 _APPROACH_M, _LIFT_M = 0.08, 0.12
 _CLOSE_S, _HOLD_S = 0.9, 0.5
@@ -36,10 +36,10 @@ _SLIP_M, _SWING_DEGREES = 0.010, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tryout:
-    """Result of a short trial of an asset.
+    """Result of a short simulation of an asset.
 
     Attributes:
-        passed: Whether the trial succeeded.
+        passed: Whether the asset passed.
         sentence: Result in one sentence.
         asset: Positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`, (T, 7).
         gripper: Poses of each body of the gripper ("hand", "left_finger", "right_finger"), in the same format. Empty if

@@ -35,7 +35,7 @@ class _Task:
 
 
 class BareScene(ABC):
-    """Scene whose state consists of the positions of a hand and of objects, and whose goal is a set of named relations.
+    """Scene with only a hand and objects, described by their positions. The goal is a set of named relations.
 
     A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and evaluates the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
@@ -178,19 +178,19 @@ class BareTracker:
     undecided_states: ClassVar[int] = 0
 
     def __init__(self, scene: BareScene) -> None:
-        """Begin to judge an episode of a scene that has already been reset."""
+        """Start judging an episode. The scene must already have been reset."""
         self._scene = scene
         self.relation_names = self.subgoal_names = tuple(scene.relations())
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations that hold in the current state of the scene. ``state`` is not used."""
+        """Return which relations hold in the current state of the scene. The argument ``state`` is not used."""
         del state
         holds = tuple(self._scene.relations().values())
         return Truth(holds, holds, in_order=True, goal=all(holds), forbidden=False, success=all(holds))
 
 
 def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) -> ObjectInfo:
-    """Return an object of which only the name, kind and size are known."""
+    """Return the description of an object, given only the name, kind and size."""
     return ObjectInfo(
         name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
         size_m=size_m,

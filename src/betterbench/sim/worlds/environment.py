@@ -1,8 +1,8 @@
-"""Environment variables for a simulator's process. The user's variables that would affect the simulator are removed.
+"""Environment variables for a simulator's process, without those variables of the user that would affect the simulator.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the index of an EGL device and asserts that it contains
-``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, both
-conditions cannot hold together. Python's own variables would change the packages that the simulator imports, and thus
+``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, these two
+requirements contradict each other. Python's own variables would change which packages the simulator imports, and thus
 its results.
 """
 
@@ -25,7 +25,7 @@ _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment variables, except those that make a different Python load packages of this Python."""
+    """Return the environment variables, except those that would make a different Python load this Python's packages."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 

@@ -50,7 +50,7 @@ _STAND_INS = (
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """Environment in which the simulator of a world is installed.
+    """Python environment with the simulator of a world.
 
     Attributes:
         name: World name on the command line.
@@ -58,9 +58,9 @@ class Installation:
         module: Module that the simulator's process runs.
         size: Size of the packages for messages, such as "270 MB (0.9 GB unpacked)".
         summary: Description in a few words.
-        beside: Installation of another world whose Python runs this simulator, or None if this simulator has a Python
-            of its own. In the first case, this simulator's packages are only read and never imported, so their
-            dependencies are not installed.
+        beside: Installation of another world, if that world's Python runs this simulator. None if this simulator has a
+            Python of its own. If another Python is used, this simulator's packages are only read and never imported, so
+            their dependencies are not installed.
     """
 
     name: str
@@ -81,13 +81,16 @@ class Installation:
 
     @property
     def folder(self) -> Path:
-        """Folder of the environment. Its name contains a digest of the lock. `make bench` uses LIBERO's folder."""
+        """Folder of the environment. Its name contains a hash of the lock file.
+
+        `make bench` also uses the folder of the LIBERO environment.
+        """
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
     @property
     def is_installed(self) -> bool:
-        """Whether this environment is complete, and the environment whose Python runs the simulator is complete too."""
+        """Whether this environment is complete, and also the environment of the other world if its Python is used."""
         return (self.folder / _COMPLETE).exists() and (self.beside is None or self.beside.is_installed)
 
     def command(self) -> tuple[str, ...]:
@@ -108,8 +111,8 @@ class Installation:
     def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
         """Create the environment unless it is already complete, and return its folder.
 
-        The environment is marked as complete at the very end, so an interrupted installation starts again from the
-        beginning. If another process is installing the same world, ``waits`` is called once, and the method returns
+        The environment is marked as complete at the very end. After an interruption, the installation starts again from
+        the beginning. If another process is installing the same world, ``waits`` is called once, and the method returns
         when that process has finished.
 
         Raises:

@@ -1,7 +1,6 @@
 """Premise checks of the scenes in the installed LIBERO.
 
-A premise is a relation between objects that an instruction takes for granted. It should hold in every initial state of
-the task.
+A premise is a relation between objects that an instruction assumes. It should hold in every initial state of the task.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Distance [m] that counts as a jump if an object moves sideways by more than this while settling."""
+"""Sideways motion of an object while settling [m] above which it is reported as a jump."""
 
 
 _MOST_LINE = 1 << 20
@@ -48,7 +47,7 @@ class PremiseEntry:
         instruction: Instruction of the task.
         states: Number of initial states that were checked.
         broken: For each premise, the initial states in which it is false after settling. A premise is a relation
-            between objects that the instruction takes for granted.
+            between objects that the instruction assumes to hold.
         jumps: For each object, the initial states in which it moves by more than :data:`JUMP_M` while settling.
         engine: Versions of the simulator and of its packages.
         bddl_sha256: SHA-256 of the task's file.
@@ -167,21 +166,21 @@ def is_premise_file(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
-    """Read the entries from a JSON lines file. If the file does not exist, there are none.
+    """Read the entries from a JSON lines file. If the file does not exist, there are no entries.
 
     Raises:
         InvalidInputError: If a line is not an entry.
     """
     if not path.exists():
         return ()
-    cure = "Give a different file with --out, in which the check starts again"
+    cure = "Pass a different file with --out to start the check again in that file"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     lines = enumerate(open_sealed_lines(data, where=str(path), cure=cure), start=1)
     return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)
 
 
 def entries_bytes(entries: Iterable[PremiseEntry]) -> bytes:
-    """Return the content of a file with the given entries, as :func:`read_entries` expects it."""
+    """Serialize the entries to bytes in the file format that :func:`read_entries` reads."""
     return sealed_lines("".join(json.dumps(entry.to_json()) + "\n" for entry in entries).encode())
 
 

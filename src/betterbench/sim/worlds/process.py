@@ -49,7 +49,7 @@ class WorldError(BetterError):
 def as_agreed(what: str) -> Iterator[None]:
     """Convert errors from reading a simulator's answer into a WorldError.
 
-    ``what`` says in the message what the simulator did, for example "sent a state".
+    ``what`` is used in the message to say what the simulator did, for example "sent a state".
     """
     try:
         yield
@@ -144,7 +144,7 @@ class WorldProcess(AskedProcess):
         return document, answer
 
     def _with_cure(self, message: str) -> str:
-        """Return an error message. If a module is missing in the simulator's environment, append how to install it."""
+        """Append installation advice to an error message if a module is missing in the simulator's environment."""
         missing = _MISSING.search(message)
         if missing is None:
             return message
@@ -168,7 +168,7 @@ class WorldProcesses:
     """Simulator processes of one worker, one per running trial.
 
     A process is reused for the next trial of the same task, if possible. A process with the key None runs only one
-    trial and ends. Its successor is started early, so that it has finished loading when the next trial begins.
+    trial and ends. The next process is started early, so that it has finished loading when the next trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
@@ -191,7 +191,7 @@ class WorldProcesses:
         return self._idle.pop(best)[1]
 
     def give_back(self, key: object, process: WorldProcess) -> None:
-        """Keep a process whose trial has ended without an error. If ``key`` is None, end the process."""
+        """Keep a process for reuse after a trial without errors. If ``key`` is None, end the process."""
         if key is None:
             process.close(0.0)
         else:

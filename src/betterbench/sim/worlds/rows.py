@@ -1,7 +1,8 @@
 """Rows: all numbers of a control step concatenated in one array. Their layout is sent once, at the start of an episode.
 
-Between two control steps the CPU's caches are cold, so sending and receiving twenty arrays takes twenty times as long
-as one array. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
+Between two control steps, the CPU caches are cold, so sending and receiving twenty arrays takes twenty times as long as
+sending and receiving one array. Like :mod:`betterbench.jobs.frames`, this module is imported in environments in which
+betterbench is not installed.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class RowForm:
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:
-        """Return the array with the given name as a view of the row (n,), in its own shape."""
+        """Return the array with the given name, as a view of the row (n,) with the shape of the array."""
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:

@@ -1,4 +1,4 @@
-"""Scene of a trial whose simulator runs in a separate process and answers over a socket."""
+"""Scene of a trial, simulated in a separate process that answers over a socket."""
 
 from __future__ import annotations
 
@@ -145,14 +145,14 @@ def task_id(suite: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ProcessWorld(World):
-    """World whose simulator runs in a separate process. The fields contain what a run adds to the registered world.
+    """World with a simulator that runs in a separate process. The fields contain the additional data of a run.
 
     Attributes:
         command: Command of the simulator's process.
         tasks: The tasks, by task name and condition ("libero_spatial-05/base").
         versions: Versions of the packages in the simulator's environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether the run stops at a scene that contradicts what its instruction takes for granted.
+        refuse_broken: Whether the run stops if a scene violates an assumption of its instruction.
     """
 
     drawn_by: ClassVar[str] = "the simulator's process"
@@ -208,7 +208,7 @@ class ProcessWorld(World):
         return PROCESSES
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions as short texts."""
+        """Return the world's conventions as short strings."""
         del robot
         return {
             "controller": (
@@ -235,7 +235,7 @@ class ProcessWorld(World):
 
 
 class ProcessScene:
-    """Scene of a trial whose simulator runs in a separate process.
+    """Scene of a trial, simulated in a separate process.
 
     The trial starts from an initial state of the task.
     """
@@ -334,11 +334,11 @@ class ProcessScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, execute the settling steps, and check what the instruction takes for granted.
+        """Go to the initial state, execute the settling steps, and check the assumptions of the instruction.
 
         Raises:
-            PremiseError: If the scene contradicts what the instruction takes for granted and the options say to refuse
-                such scenes.
+            PremiseError: If the scene violates an assumption of the instruction and the options say to refuse such
+                scenes.
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol
@@ -359,9 +359,9 @@ class ProcessScene:
             raise PremiseError(
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
                 f"settling, although the instruction {self.task.instruction!r} presupposes it. An update of the "
-                "physics engine can break scenes; installed is MuJoCo "
+                "physics engine can break scenes; the installed version is MuJoCo "
                 f"{self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds install "
-                f"{self.settings.name}` to install the pinned version, or give --broken-premises run to continue as "
+                f"{self.settings.name}` to install the pinned version, or pass --broken-premises run to continue as "
                 "LIBERO does."
             )
         return self.state()

@@ -30,7 +30,7 @@ class Simulator(Protocol):
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Check the premises of a task in every initial state, after the settling steps.
 
-        A premise is a relation between objects that the instruction takes for granted.
+        A premise is a relation between objects that the instruction assumes to hold.
 
         Return the names of the premises, and whether each premise holds in each state.
         """
@@ -38,7 +38,7 @@ class Simulator(Protocol):
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and execute the settling steps.
 
-        Return the constant properties and the first row of numbers.
+        Return the constant properties of the scene and the first row of numbers.
         """
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
@@ -69,7 +69,7 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 
 
 def _told(problem: BaseException) -> str:
-    """Describe an error in one line by its first cause. If libraries wrapped the cause, add the last error."""
+    """Describe an error in one line by its original cause. If libraries wrapped the cause, add the last error."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__

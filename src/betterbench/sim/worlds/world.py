@@ -32,7 +32,7 @@ class Photo:
     """Recorded state of a trial that should be rendered.
 
     Attributes:
-        scene: Task and condition of the trial as one text ("libero_spatial-05/base").
+        scene: Task and condition of the trial as one string ("libero_spatial-05/base").
         record: Record of the trial.
         row: Row of the record that contains the state.
     """
@@ -95,7 +95,7 @@ class Instructed:
     """Condition of a trial in another world, reduced to the fields that an episode needs.
 
     Attributes:
-        id: Task and condition as one text ("libero_spatial-05/base").
+        id: Task and condition as one string ("libero_spatial-05/base").
         name: Name of the condition.
     """
 
@@ -131,7 +131,7 @@ class SceneCondition(Protocol):
 
     @property
     def id(self) -> str:
-        """Task and condition as one text, such as "libero_spatial-05/base"."""
+        """Task and condition as one string, such as "libero_spatial-05/base"."""
 
     @property
     def name(self) -> str:
@@ -225,7 +225,7 @@ class TrialScene(Protocol):
     def reset(self) -> WorldState:
         """Go to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if the scene contradicts what the task takes for granted about its start.
+        Raises PremiseError if the scene violates an assumption of the task about its initial state.
         """
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -271,7 +271,7 @@ class World(ABC):
 
     The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
     of a run and the value that is stored as ``plan.world``, which may contain additional data of this run. Subclasses
-    are frozen dataclasses whose fields can be pickled. A world is pickled by its name in the registry.
+    are frozen dataclasses with fields that can be pickled. A world is pickled by its name in the registry.
 
     Attributes:
         facts: Properties of the world that can be read without its simulator.
@@ -362,12 +362,12 @@ class World(ABC):
         return {"world": self.to_json()}
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the fields in which a plan stores the scene options that only some worlds support."""
+        """Return the plan fields for those scene options that only some worlds support."""
         del options
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions as short texts. ``robot`` is the name of the run's robot."""
+        """Return the world's conventions as short strings. ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
@@ -382,7 +382,7 @@ class World(ABC):
         """
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of each worker, if the policy answers from another process."""
+        """Return how many environments each worker starts with, if the policy runs in another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
@@ -393,7 +393,7 @@ class World(ABC):
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
         """Return the trials in the order in which they are executed. The order does not affect the results.
 
-        ``last`` is the number of trials at the end of a run, when idle workers may have to wait for others.
+        ``last`` is the number of trials in the last phase of a run, in which idle workers may have to wait for others.
         """
         del last
         return sorted(trials, key=lambda t: (t.task, t.seed))

@@ -340,7 +340,7 @@ _SHARES = {
 def _paint(link: str, rank: int) -> str:
     """Return the paint of a connected part of a link's mesh. ``rank`` is the rank of the part by size, largest first.
 
-    The ranks were found by looking at the parts: covers, connectors, buttons and rubber tips.
+    The ranks were found by inspecting the parts, which are covers, connectors, buttons and rubber tips.
     """
     if rank == 0:
         return "trim" if link == "finger" else "shell"
@@ -395,7 +395,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
-    """Add both fingers with their pads. They are coupled, so that an object stays in the center of the gripper."""
+    """Add both fingers with their pads. The fingers are coupled, so that an object stays in the center."""
     for index, name in enumerate(PANDA.finger_bodies):
         finger = add_link(hand, _FINGER, name, quaternion=about("z", index * math.pi), gravcomp=1.0)
         finger.add_joint(
@@ -452,7 +452,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
     """Exclude collisions between bodies that always overlap.
 
-    These are neighboring links, and the short wrist and the links two joints away from it.
+    These are neighboring links. For the short wrist, they also include the links two joints away.
     """
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
     pairs = list(itertools.pairwise(chain))

@@ -10,7 +10,7 @@ calibration, with the zero at the fully extended arm, is not used here.
 
 **Servos.** ``kp`` 998.22 N m/rad and ``kv`` 2.731 N m s/rad are derived from a model of the DC motor (SO-ARM100, pull
 request 141). Damping, friction loss and armature of the STS3215 are those of Open Duck Mini, a robot with the same
-servo. No measurement on this arm is known. LeRobot limits the gripper's servo to half of its torque.
+servo. We know of no measurements on this arm. LeRobot limits the gripper's servo to half of its torque.
 
 **Collision shapes** are boxes fitted to the meshes. Each jaw has a flat pad along its inner face, so that a held object
 touches two planes instead of printed ridges.
@@ -94,7 +94,7 @@ _BASE_Z = 0.0024
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One mesh of a link: the stem of its file, its pose in the link and its paint."""
+    """One mesh of a link: its file name without the extension, its pose in the link, and its paint."""
 
     link: str
     mesh: str

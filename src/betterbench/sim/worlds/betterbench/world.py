@@ -38,8 +38,8 @@ class OwnOptions:
 
     Attributes:
         variations: Variations to run, written like "L1" or "fast_food/T1". By default, all variations are run.
-        until_decided: Whether to run only the variations and their twins (the training trials with the same seeds), and
-            to stop running a variation as soon as its verdict is decided.
+        until_decided: Whether to stop running a variation as soon as its verdict is decided. In this case, only the
+            variations and their twins (the training trials with the same seeds) are run.
     """
 
     variations: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ class OwnOptions:
 
 @dataclass(frozen=True, slots=True)
 class OwnWorld(World):
-    """Betterbench's own scenes. The world has no fields, so it is the same value in every run."""
+    """Betterbench's own scenes. The class has no fields, so this world is the same in every run."""
 
     facts: ClassVar[WorldFacts] = OURS
     action_spaces: ClassVar[tuple[str, ...]] = PLAYED_IN[""]
@@ -113,7 +113,7 @@ class OwnWorld(World):
         )
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the versions of the suite, of the engine and of the tasks, in the form used in plans."""
+        """Return the versions of the suite, the engine and the tasks, in the format of plans."""
         from betterbench.sim.scenes import engine_version  # noqa: PLC0415 - see above
 
         return {
@@ -123,7 +123,7 @@ class OwnWorld(World):
         }
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the render preset, the robot and the object variants of a run, in the form used in plans."""
+        """Return the render preset, the robot and the object variants of a run, in the format of plans."""
         from betterbench.sim.scenes import quality_preset  # noqa: PLC0415 - see above
 
         return {

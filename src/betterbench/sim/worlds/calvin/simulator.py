@@ -1,4 +1,4 @@
-"""CALVIN's simulator, controlled over a socket. It runs in CALVIN's Python environment, from the user's checkout.
+"""CALVIN's simulator, controlled over a socket. It runs from the user's checkout, in CALVIN's Python environment.
 
 This module imports only the standard library and NumPy and, on request, packages from CALVIN's environment and the
 ``calvin_env`` checkout. The process does not judge success. It sends the result of ``get_info`` to the run, which
@@ -214,7 +214,7 @@ class CalvinSimulator:
         return [str(block.name) for block in self._env.scene.movable_objects]
 
     def _measure(self) -> list[dict[str, Any]]:
-        """Return the objects with their extents along their own axes [m] and their masses [kg], blocks first.
+        """Return the objects, blocks first, with their extents along their own axes [m] and their masses [kg].
 
         Measuring moves the objects. Even after they are put back, the state of the solver is different, so the process
         must not run a chain afterward.
@@ -282,7 +282,7 @@ def _listed(blocks: Mapping[str, str]) -> str:
 
 
 def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parts of ``get_info`` that the rules and the records need, as JSON."""
+    """Return the parts of the ``get_info`` result that the rules and the records need, as JSON."""
     robot, scene = info["robot_info"], info["scene_info"]
     blocks = {}
     for name, block in scene["movable_objects"].items():

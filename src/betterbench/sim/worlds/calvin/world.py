@@ -1,8 +1,8 @@
 """CALVIN ABC→D as a world: chains of five instructions, simulated in the user's checkout of ``calvin_env``.
 
 A trial is a chain, and its seed is the index of the chain. The trial succeeds when all five subtasks are done. The
-record contains the number of subtasks that were done in a row. The suite ``calvin`` starts each chain as CALVIN does.
-The suite ``calvin_resampled`` starts with the blocks anywhere in the range of the training data.
+record contains the number of consecutive subtasks that were done. The suite ``calvin`` starts each chain as CALVIN
+does. In the suite ``calvin_resampled``, the blocks may start anywhere in the range of the training data.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK},
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
 """Relations of the table that are recorded.
 
-A door counts as open beyond half of the range it has in the start states.
+A door is considered open beyond half of the range that it has in the start states.
 """
 
 _SPLITS = {
@@ -129,7 +129,7 @@ _CHAIN_START = TypeAdapter(_ChainStart)
 
 @dataclass(frozen=True, slots=True)
 class ChainTask(WorldTask):
-    """The chains of a CALVIN suite, as the task of their trials.
+    """Task that represents all chains of a CALVIN suite. Each of its trials is one chain.
 
     ``bddl_sha256`` is the digest of the checkout's code.
     """
@@ -242,7 +242,7 @@ class CalvinWorld(ProcessWorld):
         return (said,)
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions as short texts."""
+        """Return the world's conventions as short strings."""
         return {
             **ProcessWorld.conventions(self, robot),
             "controller": "calvin_env: relative actions are added to the last target, absolute actions replace the "
@@ -301,7 +301,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None, because every chain needs a new process: PyBullet keeps state of a chain that no reset clears."""
+        """None, because every chain needs a new process: PyBullet keeps some state that no reset clears."""
         return None
 
     @property
@@ -367,7 +367,7 @@ class ChainScene(ProcessScene):
             raise PremiseError(
                 f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset, because this "
                 "configuration or this version of calvin_env differs. Use commit 797142c or 1431a46 and the "
-                "validation/.hydra/merged_config.yaml of the data (--calvin-config), or give --broken-premises run "
+                "validation/.hydra/merged_config.yaml of the data (--calvin-config), or pass --broken-premises run "
                 "to continue as CALVIN does."
             )
         return self.state()
@@ -491,7 +491,7 @@ class ChainScene(ProcessScene):
         return measured
 
     def _played(self, action: np.ndarray) -> np.ndarray:
-        """Return the action in the form that the simulator expects.
+        """Return the action in the format that the simulator expects.
 
         Deltas of the action space ``calvin_delta`` are added to the last commanded pose, which gives an absolute pose.
         """
@@ -554,7 +554,7 @@ class ChainScene(ProcessScene):
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
-        """Describe each door, light and block that is not in the state in which the chain should start."""
+        """Describe each door, light and block that is not in the start state of the chain."""
         scene, found = start.scene, []
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):
@@ -614,12 +614,12 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
             "--calvin-env",
             "the path of your calvin_env checkout is missing. betterbench cannot install calvin_env, because no "
             "package index contains it",
-            "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
+            "Clone https://github.com/mees/calvin_env and pass its path with --calvin-env",
         )
     root = checkout_root(checkout)
     if config is not None and not config.is_file():
         raise InvalidInputError(
-            "--calvin-config", f"{config} is not a file", "Give the data set's validation/.hydra/merged_config.yaml"
+            "--calvin-config", f"{config} is not a file", "Use the data set's validation/.hydra/merged_config.yaml"
         )
     chosen = "" if config is None else str(config.resolve())
     return (*INSTALLATION.command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
@@ -639,7 +639,7 @@ def checkout_root(named: Path) -> Path:
         raise InvalidInputError(
             "--calvin-env",
             f"{named} is the package inside the checkout, not the checkout",
-            f"Give --calvin-env {named.resolve().parent}",
+            f"Pass --calvin-env {named.resolve().parent}",
         )
     clone = next((p for p in (named, named.resolve().parent) if _names_calvin_env(p / ".gitmodules")), None)
     if clone is not None and not (clone / "calvin_env" / "calvin_env" / _MODULE).is_file():
@@ -651,7 +651,7 @@ def checkout_root(named: Path) -> Path:
     raise InvalidInputError(
         "--calvin-env",
         f"{named} has neither calvin_env/{_MODULE} nor calvin_env/calvin_env/{_MODULE}",
-        "Give the root of a clone of mees/calvin_env or mees/calvin",
+        "Pass the root of a clone of mees/calvin_env or mees/calvin",
     )
 
 

@@ -1,8 +1,8 @@
-"""Contacts and relations in LIBERO's simulator, read quickly by using indices of geoms, sites and bodies.
+"""Contacts and relations in LIBERO's simulator. For speed, they are read by the indices of geoms, sites and bodies.
 
-LIBERO's own contact check looks up four names for each contact of the scene, and its check of a relation to a region
-takes a dozen NumPy calls. Here, the same data are read by index. This module is imported in an environment without
-betterbench, so it uses only NumPy.
+LIBERO's own contact check looks up four names for each contact of the scene, and its check of whether an object is in a
+region takes a dozen NumPy calls. Here, the same data are read by index. This module is imported in an environment
+without betterbench, so it uses only NumPy.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ The values are those of LIBERO's ``under``.
 """
 
 _BELOW_M = 0.01
-"""Depth below a box at which an object still counts as in the box [m] (LIBERO's ``in_box``)."""
+"""Depth below a box at which an object is still considered to be in the box [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
 """Margin below which LIBERO's own check decides [m].

@@ -73,7 +73,7 @@ class TaskFiles:
 
 
 class LiberoSimulator:
-    """One LIBERO environment, which is reused as long as the same task is requested."""
+    """One LIBERO environment. It is reused as long as the same task is requested."""
 
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
@@ -86,7 +86,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Describe the tasks of a suite by the contents of their files, and return the versions of the packages."""
+        """Describe the tasks of a suite from the contents of their files, and return the versions of the packages."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
@@ -109,9 +109,8 @@ class LiberoSimulator:
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Reset the environment to an initial state and execute the settling steps.
 
-        The random numbers are seeded before every reset, so that an episode does not depend on earlier episodes.
-        Without the seed, it would depend on them, because LIBERO draws the positions of its fixtures at reset and an
-        initial state does not contain them.
+        The random numbers are seeded before every reset. Otherwise, an episode would depend on earlier episodes,
+        because LIBERO draws the positions of its fixtures at reset, and an initial state does not contain them.
         """
         files = self._files(request)
         images, settle = bool(request["images"]), int(request["settle"])
@@ -145,7 +144,7 @@ class LiberoSimulator:
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Check the premises of a task in each of its initial states, after the settling steps.
 
-        A premise is a relation between objects that the instruction takes for granted.
+        A premise is a relation between objects that the instruction assumes to hold.
 
         Returns the names of the premises, and whether each premise holds in each state. Also returns how far each
         object moved sideways while settling [m], because many objects fall a few centimeters at the start.
@@ -469,7 +468,7 @@ class _Reader:
         return name
 
     def _regions(self, i: int, name: str) -> list[dict[str, Any]]:
-        """Return the boxes of an object that the task's relations mention, in the object's frame [m]."""
+        """Return the boxes of an object that occur in the task's relations, in the object's frame [m]."""
         found = []
         frame = self._data.xmat[self._roots[i]].reshape(3, 3) @ self._turns[i]
         origin = self._data.xpos[self._roots[i]] + self._data.xmat[self._roots[i]].reshape(3, 3) @ self._shifts[i]
@@ -510,7 +509,7 @@ class _Reader:
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
     def _corners(self, geom: int) -> np.ndarray:
-        """Return points (n, 3) in a geom's frame that have the same bounding box as the geom [m]."""
+        """Return points (n, 3) with the same bounding box as the geom, in the frame of the geom [m]."""
         model = self._model
         if model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_MESH:
             mesh = int(model.geom_dataid[geom])
@@ -522,9 +521,9 @@ class _Reader:
 
 
 class _Views:
-    """Arrays of a simulation that are requested from the engine once and kept, since their memory never moves.
+    """Arrays of a simulation, which are requested from the engine only once, because their memory never moves.
 
-    Requesting such a view takes as long as copying the array.
+    Requesting the view of an array again would take as long as copying the array.
     """
 
     def __init__(self, data: Any, site: int) -> None:  # noqa: ANN401 - MuJoCo's own
@@ -552,7 +551,7 @@ def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
 
 
 def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the relations of a task's goal and the start places of its objects, as the task's file states them."""
+    """Return the relations of a task's goal and the start places of the objects, as listed in the task's file."""
     kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
     steps = []
     for relation in problem["goal_state"]:
@@ -578,7 +577,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the name of the place where a relation of the initial state puts an object."""
+    """Return the name of an object's place, given the relation that places the object in the initial state."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -642,6 +641,6 @@ def prepare() -> None:
 
 
 def main() -> None:
-    """Answer requests over the socket whose file descriptor is the first command-line argument."""
+    """Answer requests over a socket. Its file descriptor is the first command-line argument."""
     prepare()
     answer_requests(LiberoSimulator(), int(sys.argv[1]))

@@ -39,8 +39,8 @@ class LiberoOptions:
 
     Attributes:
         protocol: Name of the evaluation protocol.
-        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
-            continues the run in this case.
+        broken_premises: "refuse" stops the run if a scene violates an assumption of its instruction. "run" continues
+            the run in this case.
         command: Command that starts the simulator process. If it is empty, the installed environment is used.
     """
 
@@ -156,7 +156,7 @@ def require_states(seed: int, count: int) -> None:
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
     """Return the indices of the named tasks in suite order, without duplicates.
 
-    If no names are given, return the indices of all tasks.
+    If no task is named, return the indices of all tasks.
     """
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:

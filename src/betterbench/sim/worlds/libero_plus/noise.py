@@ -1,4 +1,4 @@
-"""Sensor noise of LIBERO-Plus: five kinds of noise at ten strengths, applied to the images of the front camera.
+"""Sensor noise of LIBERO-Plus: five kinds of noise at ten strengths each, applied to images of the front camera.
 
 The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths chosen by LIBERO-Plus. They are
 reproduced bit for bit (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every
@@ -86,8 +86,8 @@ def _bytes(share: np.ndarray) -> np.ndarray:
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
     """Return a blurred image. The result equals that of SciPy's ``gaussian_filter`` with ``truncate=4``.
 
-    The kernel is computed with Python's own ``exp``. NumPy's ``exp`` uses AVX-512 where it is available, which changes
-    the last bit of the kernel and therefore some pixels.
+    The kernel is computed with Python's own ``exp``. NumPy's ``exp`` uses AVX-512 on machines that support it, which
+    changes the last bit of the kernel and therefore some pixels.
     """
     radius = int(4.0 * sigma + 0.5)
     kernel = np.array([math.exp(-0.5 / (sigma * sigma) * x**2) for x in range(-radius, radius + 1)])

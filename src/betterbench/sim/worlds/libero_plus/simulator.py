@@ -1,9 +1,9 @@
 """LIBERO-Plus, simulated by LIBERO's simulator with the scene files and initial states from the LIBERO-Plus wheel.
 
 The wheel is read but never imported, because its package needs libraries that LIBERO's environment lacks. Its files
-name what is added to a scene (camera, rest pose, textures, light, new objects, noise), and this module passes these
-additions to LIBERO's own classes. Assets come from LIBERO or from the download that the authors offer. The module runs
-in LIBERO's Python environment.
+list the changes to a scene (camera, rest pose, textures, light, new objects, noise), and this module applies them
+through LIBERO's own classes. Assets come from LIBERO or from the download that the authors offer. The module runs in
+LIBERO's Python environment.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``, ``envs/problems``, ``envs/robots``, ``envs/objects`` and
 ``benchmark``.
@@ -62,7 +62,7 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Changes that a problem class of LIBERO-Plus makes to its base class in LIBERO.
+    """How a problem class of LIBERO-Plus differs from its base class in LIBERO.
 
     Attributes:
         name: Name of the problem class.
@@ -80,7 +80,7 @@ class Problem:
 
 
 class LiberoPlusSimulator(LiberoSimulator):
-    """One LIBERO-Plus environment, which is reused as long as the same variant is requested."""
+    """One LIBERO-Plus environment. It is reused as long as the same variant is requested."""
 
     def __init__(self, package: Path, assets: Path | None = None) -> None:
         """Prepare the simulator. ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
@@ -206,7 +206,7 @@ class LiberoPlusSimulator(LiberoSimulator):
 
     @functools.cache  # noqa: B019
     def _problems(self, name: str) -> Problem:
-        """Return the changes that a LIBERO-Plus problem class makes, given the name of the class in lower case."""
+        """Return how a LIBERO-Plus problem class modifies the scene, given the lower-case class name."""
         return self._every_problem()[name]
 
     @functools.cache  # noqa: B019
@@ -257,7 +257,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     def _add_robot(self, number: int) -> str:
         """Register the Panda with the given rest pose in robosuite, and return its name.
 
-        It is registered twice, on a mount and on the ground, since the scenes use both.
+        It is registered twice, once on a mount and once on the ground, because the scenes use both.
         """
         if not number:
             return "Panda"
@@ -351,7 +351,7 @@ def initial_states_in(path: Path) -> np.ndarray:
 
 
 def _new_object(kind: str, path: Path) -> type:
-    """Create the robosuite class of a new kind of object, like LIBERO's classes of its own objects."""
+    """Create the robosuite class for a new kind of object, as LIBERO does for its own objects."""
     models: Any = importlib.import_module("robosuite.models.objects")
     element_tree: Any = importlib.import_module("xml.etree.ElementTree")
 

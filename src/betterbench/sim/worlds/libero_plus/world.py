@@ -52,11 +52,12 @@ class PlusOptions:
     """Options of a run in LIBERO-Plus.
 
     Attributes:
-        protocol: Name of the evaluation protocol, which sets the numbers of steps.
-        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
-            continues the run in this case.
+        protocol: Name of the evaluation protocol, which defines the number of settling steps and the step limit.
+        broken_premises: "refuse" stops the run if a scene violates an assumption of its instruction. "run" continues
+            the run in this case.
         axes: Axes to run. By default, all axes are run.
-        variants: Maximum number of variants per task and axis, which are spread evenly. If it is None, all are run.
+        variants: Maximum number of variants per task and axis. They are spread evenly over all variants. If it is None,
+            all variants are run.
         libero_plus_sentences: "clean" uses the instruction of the base task, and on the axis "language" the instruction
             in the variant's file. "published" uses LIBERO-Plus's own instructions, which end with the variant name on
             six of the seven axes.
@@ -114,7 +115,8 @@ class LiberoPlusWorld(LiberoWorld):
     """LIBERO-Plus as the world of a run. The simulator reports which variants exist and which files they need.
 
     Attributes:
-        sentences: "clean", or "published" for LIBERO-Plus's own instructions, which end with the variant name.
+        sentences: "clean" or "published". The published instructions are LIBERO-Plus's own, which end with the variant
+            name.
         left_out: Number of variants on each axis that are left out because they need the authors' assets.
     """
 
@@ -189,7 +191,7 @@ class LiberoPlusWorld(LiberoWorld):
         missing = ", ".join(f"{axis} {n}" for axis, n in self.left_out.items())
         return (
             said,
-            f"Not run, because the authors' assets are missing: {missing}. Give --libero-plus-assets.",
+            f"Not run, because the authors' assets are missing: {missing}. Pass the folder with --libero-plus-assets.",
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -215,13 +217,13 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
         raise InvalidInputError(
             where,
             f"{folder} does not contain the folder {', '.join(missing)}",
-            "Give the unzipped assets folder of LIBERO-Plus, which contains scenes, textures and new_objects",
+            "Pass the unzipped assets folder of LIBERO-Plus, which contains scenes, textures and new_objects",
         )
     return (*INSTALLATION.command(), *([] if folder is None else [str(folder.resolve())]))
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return, for each axis, how many of the variants need missing files."""
+    """Return how many variants on each axis need files that are missing."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 
@@ -234,7 +236,7 @@ def _nothing_left(
         "--axes",
         f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} can run without the "
         f"authors' assets (the first needs {first})",
-        "Download the assets of LIBERO-Plus and give their folder with --libero-plus-assets",
+        "Download the assets of LIBERO-Plus and pass their folder with --libero-plus-assets",
     )
 
 
