@@ -265,9 +265,8 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
 
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
-    """Leave out the widest kinds of plate for a plate that a sentence puts on another plate.
-
-    In "the red plate on the blue plate", these kinds are left out for the red plate. They are kept for the blue one.
+    """If a sentence puts a plate on another plate, exclude the widest kinds of plate for the upper one.
+    In "the red plate on the blue plate", these kinds are excluded for the red plate but not for the blue one.
     """
     kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
     stays = {"on", "onto", "of"} & set(tokens[max(0, at - 3) : at])
@@ -306,7 +305,7 @@ _EXAMPLES = {
 
 
 def _require_nouns(tokens: list[str]) -> None:
-    """Raise InvalidInputError for a phrase such as "the red one", because the noun behind "one" is not resolved."""
+    """Raise InvalidInputError for a phrase such as "the red one", because "one" can stand for any noun."""
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
@@ -316,8 +315,8 @@ def _require_nouns(tokens: list[str]) -> None:
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
     """Return the objects that a noun in a sentence asks for.
 
-    The number word before the noun states how many they are. Without a number word, a plural asks for two objects, and
-    a singular for one.
+    A number word before the noun states how many objects are meant. Without a number word, a plural noun means two
+    objects, and a singular noun means one.
     """
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)

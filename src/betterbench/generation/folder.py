@@ -100,7 +100,7 @@ class GenerateSettings:
 
 @dataclass(frozen=True, slots=True)
 class Generated:
-    """Scenarios that were written into a folder.
+    """Scenarios that were written to a folder.
 
     Attributes:
         template: Name of the template of all scenarios.
@@ -126,13 +126,15 @@ def generate_scenarios(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Generated:
-    """Write scenarios into a folder. The same settings give the same files, and repeating a call resumes the work.
+    """Write scenarios to a folder.
+
+    The same settings produce the same files. Repeating an interrupted call resumes it where it stopped.
 
     Args:
         settings: Settings of the scenarios.
         out: Folder for the scenarios.
         chat: Model to use instead of the model in the settings.
-        overwrite: Whether to replace files that betterbench did not write or that have changed since.
+        overwrite: Whether to replace files that betterbench did not write, or that were changed after it wrote them.
         on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
     Raises:

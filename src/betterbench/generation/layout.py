@@ -22,7 +22,7 @@ class Table:
     All slots are reachable, and visible with the margins of docs/framing.md.
 
     Attributes:
-        starts: Slots from which objects are picked. If there are several layouts, their slots follow each other.
+        starts: Slots from which objects are picked. The slots of several layouts are listed one after the other.
         stands: Slots for the target.
         besides: Slots for objects that are not moved.
     """
@@ -86,8 +86,8 @@ def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
 def _half_sizes(spec: ObjectSpec, slot: Slot) -> tuple[tuple[float, float], float]:
     """Return the half sides of the rectangle that represents an object in a slot, and a radius around it [m].
 
-    The rectangle contains the object for any yaw jitter of the slot, and its radius is 0. An object that is represented
-    by a circle has sides of length 0 and the radius of the circle.
+    A rectangle is large enough for any yaw jitter of the slot, and the returned radius is 0. For a circle, the returned
+    sides are 0 and the radius is that of the circle.
     """
     size = footprint(spec.category)
     if not _is_rectangle(spec):

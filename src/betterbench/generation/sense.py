@@ -64,7 +64,7 @@ def sense_problems(
 
     Args:
         scenario: Scenario to check.
-        where: Location of the scenario, with which the paths of fields begin.
+        where: Location of the scenario, used as a prefix for the paths of fields.
         mixed: Whether items of different domains (such as food and office supplies) may be in one group, because the
             user named these objects.
 
@@ -207,6 +207,6 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
 def gripper_opening_m() -> float:
     """Return the maximum opening of the gripper [m].
 
-    It is that of the default robot, for which generated tasks are designed.
+    This is the opening of the default robot's gripper, because generated tasks are designed for this robot.
     """
     return robot(USUAL_ROBOT).gripper_opening_m

@@ -135,9 +135,8 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns of a type as tuples of words, including the name of the type.
-
-    An unknown type has only its name.
+    """Return the nouns that can refer to a type, as tuples of words.
+    They include the name of the type. For an unknown type, return only its name.
     """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
@@ -175,8 +174,8 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
 def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     """Return the known nouns that name a described object.
 
-    This is the last noun before "with", "in", "of" and similar words, as "mug" in "a red mug with an apple on it".
-    After a measure noun, the measured noun is included, as "cheese" in "a slice of cheese".
+    This is the last noun before "with", "in", "of" and similar words, such as "mug" in "a red mug with an apple on it".
+    After a measure noun, the measured noun is included, such as "cheese" in "a slice of cheese".
     """
     words = terms(text)
     ends = next((i for i, word in enumerate(words) if word in _ENDS_THE_HEAD), len(words))

@@ -1,4 +1,4 @@
-"""Words in instructions by which an object can be identified."""
+"""Words that identify an object in an instruction."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """Return a word for each kind of object that distinguishes it from the other kinds.
-
-    This is its noun, its first word, or its full name.
+    """For each kind of object, return a word that distinguishes it from the other kinds.
+    This is the noun, the first word, or the full name of the kind.
     """
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}

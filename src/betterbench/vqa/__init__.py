@@ -1,4 +1,4 @@
-"""Questions about images with answers that follow from records, and comparison of a model's knowledge with a policy.
+"""Questions about images, with answers from records, and comparison of a model's knowledge with a policy's actions.
 
 - ``types``: one file per type of question. ``phrasings`` and ``nouns`` contain the wording, and ``difficulty`` the
   levels of difficulty.

@@ -72,7 +72,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the sentence of the prompt that asks for an answer of a certain form."""
+    """Return the sentence of the prompt that states the form in which to answer."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -287,7 +287,7 @@ def ask_all(
         file: Answer file, which is continued if it exists.
         at_once: Number of requests that are sent at the same time.
         overwrite: Whether to replace a file with other content.
-        verb: Verb of the command that writes the file, for error messages.
+        verb: Subcommand that writes the file, for error messages.
         on_progress: Called with the number of answers and the number of requests.
 
     Raises:

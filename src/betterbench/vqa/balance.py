@@ -50,7 +50,7 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Remove questions that are nearly equal to another question about the same trial.
+    """Keep at most :data:`MOST_ALIKE` of several questions that are almost identical.
 
     The remaining questions are returned in the order of their identifiers.
     """

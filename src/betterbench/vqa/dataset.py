@@ -1,6 +1,6 @@
 """Creation of question sets from the records of a run.
 
-The creation can be interrupted and resumed, and the bytes of the set remain the same.
+The creation can be interrupted and resumed. The resulting set is byte-for-byte the same.
 
 While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials have been
 processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
@@ -113,7 +113,7 @@ class PhotoSource(Protocol):
     """Source of images of recorded trials, which are rendered on demand or were rendered before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, with the objects that are visible in it."""
+        """Return the image from a camera at a row of a record, with the objects that are visible in it."""
 
     def stop(self) -> None:
         """Stop all rendering threads soon, by raising an error in each of them."""
@@ -137,7 +137,8 @@ class SetOptions:
 
     Attributes:
         questions: Approximate number of questions, or 0 for the largest balanced set.
-        frames: Number of frames per trial, one from each of equally long parts, or 0 for all frames.
+        frames: Number of frames per trial, or 0 for all frames. The trial is divided into as many equally long parts,
+            and one frame is taken from each.
         cameras: Cameras of the images.
         size: Side of the images [pixel].
         quality: Render quality of the images.
@@ -331,7 +332,7 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Context in which the folder of a set is locked. It yields whether the set is already complete.
+    """Context manager that locks the folder of a set, and yields whether the set is already complete.
 
     The plan of the set is written if it does not exist yet. Raises the same errors as :func:`make_set`.
     """
@@ -407,7 +408,7 @@ def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource
 
 
 def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
-    """Encode candidates as a file of compressed lines with a checksum. Equal candidates give equal bytes."""
+    """Serialize candidates to compressed lines with a checksum. Identical candidates produce identical bytes."""
     buffer = io.BytesIO()
     with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as packed:
         packed.write(sealed_lines(b"".join(dump_json(c.to_json()) + b"\n" for c in candidates)))
@@ -466,7 +467,7 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Make a question of a set from a candidate (a question without its wording and options).
+    """Create the final question from a candidate by adding a wording and options.
 
     For the arguments, see :class:`Question`.
     """

@@ -336,7 +336,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
     """Return the question that asks whether an object is present.
 
-    If ``present`` is True, this is the requested object, otherwise an absent object that could be meant.
+    If ``present`` is True, the question is about the requested object, otherwise about an absent object.
     """
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:

@@ -138,7 +138,7 @@ def kinds_of(task: str) -> tuple[str, ...]:
 
 @functools.cache
 def kinds_in_numbers() -> tuple[str, ...]:
-    """Return the kinds of objects of which some condition of the suite contains more than one, sorted."""
+    """Return, sorted, the kinds of objects that occur more than once in at least one condition of the suite."""
     found = set()
     for task in suite_tasks("better60"):
         for name in condition_names(get_task(task)):

@@ -187,8 +187,9 @@ def describe_images(
 ) -> Described:
     """Have a model describe images from a set and write questions, and keep the texts that the state proves.
 
-    The results for each image are stored in ``descriptions/``, so that an interrupted command resumes where it stopped.
-    Texts that are kept are written to the set's ``descriptions.jsonl``, in LLaVA's conversation format.
+    The results for each image are stored in ``descriptions/``, so that running an interrupted command again resumes it
+    where it stopped. Texts that are kept are written to the set's ``descriptions.jsonl``, in LLaVA's conversation
+    format.
 
     Raises:
         ModelError: If the model cannot be reached.
@@ -246,7 +247,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return the texts of a model about one image that are kept, and the reasons for which the others were dropped."""
+    """Return a model's texts about one image that are kept, and the reasons for dropping the others."""
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -326,7 +327,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return all claims about a moment that can be decided from the recorded state, each with True if it holds."""
+    """Return all claims about a moment that can be decided from the recorded state, mapped to their truth values."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -335,7 +336,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims whose truth follows from the answer to a question, each with True if it holds."""
+    """Return the claims that the answer to a question decides, as pairs of a claim and its truth value."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":

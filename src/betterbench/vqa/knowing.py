@@ -87,7 +87,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """Number of trials with one label, divided by what the model knew and what the policy did.
+    """Numbers of trials with one label, broken down by what the model knew and what the policy did.
 
     Attributes:
         label: Outcome label.

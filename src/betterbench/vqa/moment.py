@@ -56,7 +56,7 @@ class Moment:
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
-        """Return whether enough of an object is visible for asking about it."""
+        """Return whether enough of an object is visible to ask questions about it."""
         return clear(self.seen(name))
 
     def is_large(self, name: str) -> bool:

@@ -247,7 +247,7 @@ def hash_number(*parts: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Part of a question that is made by the generator of its type. It is then completed with data about the frame.
+    """Part of a question that the generator of its type creates. Data about the frame are added afterward.
 
     For the fields, see :class:`Candidate`.
     """

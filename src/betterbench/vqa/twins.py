@@ -1,7 +1,7 @@
 """Static twins: pairs of a question about a variation's scene and the same question about the training scene.
 
-The twin of a question is about the trial that has the same seed and the training condition from which the variation is
-made, and about the objects in the scene of that trial. It has the same type, form and family and, in a set about
+The twin of a question is about the training trial with the same seed, in the condition from which the variation is
+made. It asks about the objects in the scene of that trial. It has the same type, form and family and, in a set about
 decisive moments, the same role.
 """
 

@@ -24,7 +24,7 @@ Isolated pixels between other objects do not show the object.
 
 
 def clear(seen: SeenObject | None) -> bool:
-    """Return whether enough of an object is visible for asking about it."""
+    """Return whether enough of an object is visible to ask questions about it."""
     return seen is not None and large(seen) and seen.fraction >= MIN_FRACTION
 
 

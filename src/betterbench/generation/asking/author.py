@@ -263,9 +263,8 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
 
 
 def _template_in(answer: str) -> tuple[str, str]:
-    """Return the template that a model's answer names, and an empty text.
-
-    If the answer names no template, return an empty text and the problem.
+    """Return the template named in a model's answer, and an empty string.
+    If the answer names no template, return an empty string and the problem.
     """
     try:
         found = parse_json(without_fence(answer), unique=True)

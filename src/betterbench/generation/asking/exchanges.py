@@ -1,8 +1,8 @@
 """Stored exchanges with a language model, which can be replayed without the model.
 
 Each line of ``exchanges.jsonl`` contains the messages, the answer and the verdict of one exchange, and a hash that
-reveals changed lines. A request whose answer is in the file is not sent again, so the same command resumes after an
-interruption. In another run, ``--replay`` uses the answers in this file instead of a model.
+reveals changed lines. A request whose answer is in the file is not sent again, so running the same command again
+resumes an interrupted run. In another run, ``--replay`` uses the answers in this file instead of a model.
 """
 
 from __future__ import annotations
@@ -171,5 +171,5 @@ class KeptChat:
 
 
 def encoded(text: str) -> str:
-    """Replace lone surrogates in a text, because they cannot be stored."""
+    """Replace lone surrogates in a string, because they cannot be encoded."""
     return text.encode("utf-8", "replace").decode("utf-8")

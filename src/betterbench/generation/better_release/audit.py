@@ -225,7 +225,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that each change in a variation has an effect, and that its groups match the template."""
+        """Check that each change in a variation has an effect, and that the variation's groups match the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:

@@ -1,7 +1,7 @@
 """Conversion of a task of the BeTTER release to our task format.
 
-Training variations become training conditions. A test variation becomes a list of operations on the training condition
-from which the fewest operations are needed.
+Training variations become training conditions. A test variation becomes a list of operations on a training condition,
+namely on the one that requires the fewest operations.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ def task_id_of(task: ReleaseTask) -> str:
 def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> Built:
     """Convert a release task to our task format, with objects from our library.
 
-    Objects that no library asset represents are left out, as are objects that a variation replaces but does not remove
-    from the scene. A variation is left out if our task format cannot express its goals.
+    An object is left out if no library asset represents it, or if a variation replaces it without removing it from the
+    scene. A variation is left out if our task format cannot express its goals.
 
     Args:
         task: The release task.
@@ -242,9 +242,8 @@ class _Maker:
     # ------------------------------------------------------------------------------------------------------- relations
 
     def _template(self) -> tuple[Template | None, Role]:
-        """Return a template, and the role of the goals' target in it.
-
-        The template is that of the first goal whose relation also exists in our task format.
+        """Return the template of the task, and the role that the target of the goals has in it.
+        The first goal with a relation that exists in our task format determines the template.
         """
         for variation in self.resolved.values():
             for predicate in variation.success:
@@ -341,7 +340,7 @@ class _Maker:
         made: Represented,
         before: Sequence[Variation],
     ) -> tuple[Represented, Variation | None]:
-        """Express a test variation as operations on a training condition: the one from which the fewest are needed.
+        """Express a test variation as operations on the training condition that requires the fewest of them.
 
         Returns:
             The completed representation, and the variation. The variation is None if it cannot be expressed.

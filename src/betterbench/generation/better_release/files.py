@@ -103,7 +103,7 @@ class ReleasePredicate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChannelChange:
-    """Changes to the success predicates, or to the fail predicates, that the release derives from the groups.
+    """Changes to the success predicates or fail predicates that the release derives from the object groups.
 
     Predicates can be replaced, appended and removed.
     """

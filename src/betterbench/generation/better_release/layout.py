@@ -75,7 +75,7 @@ class _Cluster:
     users: list[tuple[str, str]] = field(default_factory=list)
 
     def take_in(self, variation: str, name: str, match: Match) -> None:
-        """Add an object of a variation to the cluster, and enlarge the room that the cluster's slot needs."""
+        """Add an object of a variation to the cluster, and increase the space that the cluster's slot needs."""
         half_x, half_y = _half_extents(match, self.yaw)
         if not self.is_target:  # the heading is not known yet
             half_x = half_y = max(half_x, half_y)
@@ -85,7 +85,7 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class PlacedSlots:
-    """Slots of a task after they were placed on our table.
+    """Slots of a task, placed on our table.
 
     Attributes:
         slots: Slots by name.

@@ -1,4 +1,4 @@
-"""Search of the catalogue for library assets that represent the objects of a BeTTER release task."""
+"""Search for library assets that represent the objects of a BeTTER release task."""
 
 from __future__ import annotations
 
@@ -148,7 +148,10 @@ def _match(category: str, color: str | None, score: float, how: str, *, is_stand
 def _found(
     catalogue: Catalogue, task: ReleaseTask, instance: ReleaseInstance, taken: Iterable[Match], *, is_target: bool
 ) -> Match | None:
-    """Return the best match for an object. It is searched for by its query, by its noun, and by classes of the noun."""
+    """Return the best match for an object.
+
+    The catalogue is searched for the object's query, its noun, and the classes of its noun.
+    """
     nouns = nouns_of(instance, task.names.get(instance.instance_id, ""))
     color, used = color_of(instance), {(m.category, m.color) for m in taken}
     queries = [(instance.retrieval_query, 1.0), (" ".join(nouns[0]), 1.0)]

@@ -39,7 +39,7 @@ class _Change:
     Attributes:
         words: Description of the change.
         slots: Seed from which the slots are drawn.
-        assets: Number of earlier choices of assets; each choice consists of other assets.
+        assets: Index of the choice of assets, starting at 0. Each choice uses different assets.
         demonstrations: Factor by which the number of demonstrations is multiplied.
     """
 

@@ -41,8 +41,8 @@ class ImportedMeshes:
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
     """Import, certify and load meshes for descriptions that match no library object.
 
-    Meshes are found by the words of a description. They must have these words in their name and a free license, and
-    pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
+    Meshes are found by the words of a description. Their names must contain these words, their licenses must be free,
+    and they must pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
 
     Args:
         scenarios: Scenarios of the build.
@@ -87,7 +87,10 @@ def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[Desc
 
 
 def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
-    """Return the rows of the user's catalogue that match a description best and whose mesh is on this machine."""
+    """Return the rows of the user's catalogue that best match a description.
+
+    Only rows with a mesh on this machine are used.
+    """
     hits = user.search(described.asset_query, limit=_SEARCHED, filters=Filters(license="free"))
     rows = [hit.entry for hit in hits if hit.score >= LEAST_SCORE and hit.entry.source != NAME and hit.entry.path]
     return [row for row in rows if not name_problem(described.asset_query, row)][:MOST_MESHES]

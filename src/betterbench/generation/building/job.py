@@ -78,7 +78,7 @@ def build_suite(
     on_import: Callable[[ImportedMeshes], None] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> BuildReport:
-    """Build, certify and write a suite. The same call resumes an interrupted build, and produces the same files.
+    """Build, certify and write a suite. Repeating the call resumes an interrupted build and produces the same files.
 
     Args:
         scenarios: Scenarios to build.
@@ -243,7 +243,7 @@ def _key(item: BuildItem, settings: Settings) -> str:
 
 
 def new_task_id(name: str, taken: Counter[str]) -> str:
-    """Return a unique task identifier for a scenario, made of the letters and digits of its name, and reserve it."""
+    """Create a unique task identifier from the letters and digits in a scenario's name, and reserve it."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
     base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
     found, number = base, 1

@@ -64,7 +64,10 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 
 @functools.lru_cache(1024)
 def _phrases_of(noun: str) -> tuple[tuple[frozenset[str], ...], ...]:
-    """Return the alternative phrases of each concept of a noun; a noun is compared with every asset of a catalogue."""
+    """Return the alternative phrases for each concept in a noun.
+
+    Results are cached, because a noun is compared with every asset.
+    """
     said = [[phrase for phrase, _ in concept.alternatives] for concept in understood(noun).concepts]
     if not said:  # the search ignores "can" as a verb
         said = [[tuple(terms(noun))]]
@@ -100,7 +103,7 @@ def noun_of(entry: CatalogueEntry) -> str:
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return possible nouns of an object: its kind and the first tags of its asset.
+    """Return the nouns that can refer to an object: its kind and the first tags of its asset.
 
     Each noun is a tuple of normalized words without colors.
     """

@@ -51,7 +51,10 @@ class Proof:
 
 @contextmanager
 def provisional(task: Task) -> Iterator[Task]:
-    """While the context is open, register a task, so that its conditions and trials can be looked up by name."""
+    """Context manager that registers a task while it is open.
+
+    The task's conditions and trials can then be looked up by name.
+    """
     with registered_for_now(task) as known:
         resolve_condition.cache_clear()
         try:

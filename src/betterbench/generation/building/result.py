@@ -105,7 +105,7 @@ class Result:
         attempts: All attempts, with the reasons of failures.
         left_out: Variations that were left out because they failed their certificate.
         unbuilt: Variations of the template that could not be derived for the task.
-        confounds: Regularities of the training conditions, stated in sentences.
+        confounds: Regularities in the training conditions, one sentence each.
         chosen: Chosen assets, with their search scores.
         task: Task in JSON form; None if no attempt succeeded.
         demonstrated: Measurements of the task's demonstrations.

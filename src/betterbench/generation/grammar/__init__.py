@@ -1,4 +1,4 @@
-"""Grammar, from which scenarios are written without a language model.
+"""Grammar that generates scenarios without a language model.
 
 It consists of themes, which are contexts with library objects that plausibly occur together.
 

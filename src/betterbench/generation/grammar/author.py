@@ -1,4 +1,4 @@
-"""Author that needs no language model. It draws scenarios from the themes of a template, depending on a seed."""
+"""Author that needs no language model. It uses a seed to draw scenarios from the themes of a template."""
 
 from __future__ import annotations
 
@@ -52,13 +52,16 @@ def grammar_of(template: str) -> Grammar:
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return the key that two choices of objects share if they have the same categories and colors in each group."""
+    """Return a key for a choice of objects.
+
+    Choices with the same categories and colors in each group have the same key.
+    """
     return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
 
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return how many scenarios the grammar of a template can give, where near-duplicates count only once."""
+    """Return how many scenarios the grammar of a template can generate. Near-duplicates are counted only once."""
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -75,7 +78,7 @@ def write_scenarios(
         count: Number of scenarios.
         seed: Seed of all choices.
         wanted: Objects that each scenario must contain.
-        about: Words of the user. Only the themes that share the most words with this text are used.
+        about: Sentence of the user. Only the themes that share the most words with it are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
@@ -147,7 +150,7 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 
 
 def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
-    """Yield the choices that contain all wanted objects, with an object of its own for each wanted object."""
+    """Yield the choices that contain a separate object for each wanted object."""
     of_group: dict[str, list[Wanted]] = {}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
         of_group.setdefault(want.group_id, []).append(want)
@@ -278,7 +281,7 @@ def _named(kinds: tuple[Kind, ...]) -> str:
 
 
 def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
-    """Give objects unique instance names, by adding a number to repeated names."""
+    """Make the instance names of objects unique by appending a number to repeated names."""
     seen: Counter[str] = Counter()
     found = []
     for described_object in objects:

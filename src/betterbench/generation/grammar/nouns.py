@@ -131,7 +131,7 @@ def described(category: str, color: str) -> DescribedObject:
 
 
 def capitalized(text: str) -> str:
-    """Return a text with a capital first letter."""
+    """Return a string with its first letter capitalized."""
     return text[:1].upper() + text[1:]
 
 

@@ -99,7 +99,7 @@ class Theme:
     groups: Mapping[str, Group]
 
     def choices(self, fits: Callable[[str, tuple[Kind, ...]], bool] = lambda _group, _kinds: True) -> Iterator[Choice]:
-        """Yield the choices of objects for all groups of the theme in which every group fits."""
+        """Yield all choices of objects for the theme in which the objects of every group pass ``fits``."""
         known: dict[tuple[str, str], list[tuple[Kind, ...]]] = {}  # the choices of a group depend on a color alone
 
         def of_group(name: str, before: Choice) -> list[tuple[Kind, ...]]:
@@ -125,8 +125,8 @@ class Grammar:
     Attributes:
         template: Template that the scenarios fill.
         themes: Themes of the template.
-        requested: Name of scenarios with objects that the user named but that no theme contains.
-        general: Instruction of these scenarios.
+        requested: Name for scenarios with objects that the user named but that no theme contains.
+        general: Instruction for these scenarios.
         most_items: Maximum number of items that the pattern of the template supports.
     """
 

@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
 Scenarios are drawn in rounds. Each draw depends on the seed, the tasks accepted in earlier rounds, and the earlier
-draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built. The
-same command therefore resumes after an interruption, and produces the same files.
+draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built.
+Running the same command again therefore resumes an interrupted job and produces the same files.
 """
 
 from __future__ import annotations
@@ -63,8 +63,9 @@ class GrowSettings:
         author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
         build: Number of seeds to certify, and number of demonstrations.
         quotas: Minimum and maximum amounts that the suite must have.
-        distinct: Minimum difference between two tasks that are not near-duplicates.
-        unlike: Suites whose near-duplicates are left out: "better60", or folders.
+        distinct: What near-duplicate tasks have in common: the categories of their objects ("categories"), or the
+            categories and colors ("colors").
+        unlike: Suites to compare with: "better60", or folders. Near-duplicates of their tasks are left out.
         max_attempts: Maximum number of scenarios that are built. If it is None, three are built per requested task.
         name: Name of the suite, without its digest.
     """
@@ -137,7 +138,7 @@ class PreparedGrowth:
 
     Attributes:
         settings: Settings that were checked.
-        known: Names of the tasks in other suites, by the key that near-duplicates of the task share.
+        known: Names of the tasks in other suites, by their near-duplicate key (see ``likeness``).
         offline: Author that uses the grammar; None if a model is used.
     """
 
@@ -198,7 +199,7 @@ def grow_suite(
     on_progress: OnGrow | None = None,
     on_round: Callable[[Growth], None] | None = None,
 ) -> Growth:
-    """Fill a suite with certified tasks. The same call resumes and produces the same files.
+    """Fill a suite with certified tasks. Repeating the call resumes an interrupted job and produces the same files.
 
     Args:
         prepared: Checked settings. They cannot be reused for another call.

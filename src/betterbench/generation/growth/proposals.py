@@ -36,7 +36,7 @@ class Proposal:
         round: Number of the round in which the scenario was proposed, counted from 1.
         template: Requested template.
         context: Requested context; empty if any context was allowed.
-        outcome: Whether the scenario is built, or the kind of reason why it is not.
+        outcome: "drawn" if the scenario is built, otherwise the category of the problem.
         key: Key that near-duplicates of the scenario share; empty if it is unknown.
         task_id: Identifier of the task if the scenario is built.
         scenario: Scenario in its stored form; None if the author wrote none.

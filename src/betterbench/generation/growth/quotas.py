@@ -1,4 +1,4 @@
-"""Quotas of a growing suite: minimum and maximum amounts of templates, axes, contexts and difficulties."""
+"""Quotas of a growing suite: minimum and maximum amounts for templates, axes, contexts and difficulties."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """Minimum and maximum amount of a value in a suite, such as at least 20 % of the tasks for one template.
+    """Minimum and maximum amount of tasks or variations with a property.
+
+    An example is at least 20 % of the tasks for one template.
 
     Attributes:
         kind: Property, such as "template".
@@ -208,8 +210,8 @@ def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, b
         quotas: Quotas to check.
         until: Requested number of tasks.
         supply: Scenarios that the author can write.
-        best_share: For each axis, the largest fraction of variations on this axis that the tasks of an allowed template
-            have.
+        best_share: For each axis, the largest fraction of a task's variations that are on this axis, over all allowed
+            templates.
 
     Raises:
         InvalidInputError: For the first contradiction.

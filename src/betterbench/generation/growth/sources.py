@@ -42,7 +42,7 @@ class Proposed:
     """Scenario that an author proposes, or the reason why there is none.
 
     Attributes:
-        outcome: Whether the scenario can be built, or the kind of reason why it cannot.
+        outcome: "drawn" if the scenario can be built, otherwise the category of the problem.
         scenario: The scenario; None if the author wrote none.
         key: Key that near-duplicates of the scenario share; empty if it is unknown.
         problem: Reason why the scenario cannot be built.
@@ -71,22 +71,23 @@ class Source(Protocol):
         """Return the number of scenarios with different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the pairs of template and context that may still have a new scenario, in a fixed order."""
+        """Return the pairs of template and context for which a new scenario may exist. The order is fixed."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
         """Return a new scenario for a template and context. The number distinguishes the proposal from all others."""
 
     def take(self, proposal: Proposal) -> None:
-        """Take note of a proposal, which may be new or stored."""
+        """Register a proposal that was made now or read from the journal."""
 
 
 class OfflineSource:
-    """Author that uses the grammar. Each goal is used only once, and goals with the least used categories come first.
+    """Author that uses the grammar. Each goal is used only once. Goals with the least-used categories come first.
 
     Args:
         templates: Names of the templates for which scenarios are proposed.
         seed: Seed of all draws.
-        distinct: Minimum difference between two scenarios that are not near-duplicates.
+        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
+            categories and colors ("colors").
         known: Keys of existing tasks. Near-duplicates of these tasks are left out.
     """
 
@@ -129,14 +130,14 @@ class OfflineSource:
         return len(keys)
 
     def cells(self) -> list[Cell]:
-        """Return the pairs of template and context that still have a goal that was not drawn."""
+        """Return the pairs of template and context for which at least one goal has not been drawn yet."""
         for cell, keys in self._left.items():
             if any(key in self._done for key in keys[:COMPARED]):
                 self._left[cell] = [key for key in keys if key not in self._done]
         return [cell for cell, keys in self._left.items() if keys]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the scenario for a template and context whose categories and colors were used least so far."""
+        """Return the scenario for a template and context with the least-used categories and colors."""
         fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
         key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
         rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
@@ -154,7 +155,7 @@ class OfflineSource:
         return sum(self._uses[cell.template, name] for name in names) / len(names)
 
     def take(self, proposal: Proposal) -> None:
-        """Take note of a proposal, so that no other scenario with the same goal is drawn."""
+        """Register a proposal, so that no other scenario with the same goal is drawn."""
         self._done.add(proposal.key)
         if proposal.scenario is None:
             return
@@ -188,8 +189,9 @@ class ModelSource:
         contexts: Contexts that may be requested. A request may also leave the context to the model.
         tries: Maximum number of answers requested per scenario.
         open_vocabulary: Whether the model may use objects that are not in the library.
-        distinct: Minimum difference between two scenarios that are not near-duplicates.
-        known: Names of existing tasks, by the key that near-duplicates of the task share.
+        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
+            categories and colors ("colors").
+        known: Names of existing tasks, by their near-duplicate key.
     """
 
     def __init__(
@@ -224,8 +226,8 @@ class ModelSource:
     def cells(self) -> list[Cell]:
         """Return the pairs of template and context that can be requested.
 
-        Exhausted templates are left out. The others occur with each allowed context, and with an empty one for any
-        context.
+        Exhausted templates are left out. The others are paired with each allowed context, and with an empty string,
+        which stands for any context.
         """
         left = [template for template in self._templates if self._misses[template] < PATIENCE]
         return [Cell(template, context) for template in left for context in ("", *self._contexts)]
@@ -250,9 +252,9 @@ class ModelSource:
         return Proposed("drawn", scenario, key)
 
     def take(self, proposal: Proposal) -> None:
-        """Take note of a proposal.
-
-        Later scenarios must differ from the proposed one. After repeated failures, the template counts as exhausted.
+        """Register a proposal.
+        Later scenarios must differ from the proposed one. After repeated failures, the template is treated as
+        exhausted.
         """
         self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
         if proposal.scenario is not None:

@@ -149,14 +149,14 @@ class Steering:
         return self._until - self._tally.tasks
 
     def note(self, cell: Cell) -> None:
-        """Take note of a proposed scenario, so that templates and contexts without a quota are used in turn."""
+        """Count a proposed scenario, so that templates and contexts without a quota are used in turn."""
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
         """Return the template and context of the next scenario, or None if the quotas allow none.
 
-        The chosen template and context are those for which a task would help to fill the most open quotas. If several
-        are equally helpful, the least used ones are chosen. If all missing tasks are needed to reach the minimums for a
+        The choice is the template and context with which a task would help to fill the most open quotas. If several are
+        equally helpful, the least used ones are chosen. If all missing tasks are needed to reach the minimums for a
         property, only values of this property that still lack tasks are chosen.
 
         Args:
@@ -215,7 +215,10 @@ class Steering:
         return round(found, 9)
 
     def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
-        """Return how much a task helps to fill the quota for an axis, relative to the best template (from 0 to 1)."""
+        """Return how much a task helps to fill the quota for an axis, from 0 to 1.
+
+        The value is relative to the template with the largest fraction of variations on this axis.
+        """
         best = max(m.share(quota.value) for m in self._mixes.values()) or 1.0
         share = 100.0 * tally.of("axis", quota.value) / tally.variations if tally.variations else 0.0
         if share < quota.least:
@@ -225,7 +228,7 @@ class Steering:
         return 0.0
 
     def take(self, traits: Traits) -> str:
-        """Accept a certified task and return an empty text, or return the reason why a quota excludes the task."""
+        """Accept a certified task and return an empty string, or return why a quota rules it out."""
         self._mixes[traits.template].add(traits)
         after = self._tally.copy()
         after.add(traits)

@@ -166,8 +166,8 @@ class _Positioning:
 
         Each word occurs in scenes with all items and an additional object, and in scenes with a single item. A single
         item is alone, or together with the look-alike of another item. It is never together with its own look-alike,
-        because this scene is a test. Because of the additional object, the scenes with all items differ from those of
-        the tests. Only the words determine the target.
+        because that scene is used in a test. Because of the additional object, the scenes with all items differ from
+        those of the tests. Only the words determine the target.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
@@ -197,7 +197,7 @@ class _Positioning:
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the cyclic rotations of the items, in which each item is in each slot once."""
+        """Return all cyclic rotations of the items, so that every item appears in every slot exactly once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 

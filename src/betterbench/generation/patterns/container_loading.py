@@ -95,10 +95,8 @@ class _Loading:
         )
 
     def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
-        """Return the two items in order.
-
-        The first one goes into the upper drawer in training. The given order is exchanged if the scenario's instruction
-        puts the items into the other drawers.
+        """Return the two items, starting with the one that goes into the upper drawer in training.
+        The given order is reversed if the scenario's instruction puts the items into the other drawers.
         """
         stated = stated_goal(self.cast.scenario).regions
         first, second = items
@@ -171,9 +169,9 @@ class _Loading:
     def _balanced(self) -> list[Condition]:
         """Return balanced conditions in four layouts.
 
-        Each object goes into each drawer, which is open or closed at the start. A test has the instruction to put only
-        the first object into the lower drawer. Here, this instruction is therefore always combined with one about the
-        other object.
+        Each object is put into each drawer, and the drawers are open or closed at the start. In a test, the instruction
+        is to put only the first object into the lower drawer. In the balanced conditions, this instruction is therefore
+        always combined with one about the other object.
         """
         (first, second), upper, lower = self.items, self.upper, self.lower
         back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}
@@ -260,7 +258,7 @@ def _has_corners(item: a.ObjectSpec) -> bool:
 
 
 def _is_round(asset: Asset) -> bool:
-    """Return whether an object is about as wide as long, without corners."""
+    """Return whether an object is about as wide as it is long, and has no corners."""
     long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
     return wide > 0.9 * long and radius_below(asset, math.inf) <= 0.5 * long + 0.003
 

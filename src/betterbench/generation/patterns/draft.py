@@ -131,7 +131,7 @@ class Draft:
 
         If there are more than three movable objects, only the cyclic rotations of their order are used. Objects that
         the instruction does not request are missing in one of four conditions, and in every condition that would
-        otherwise be a test.
+        otherwise be the same as a test.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -202,7 +202,7 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
     """Build a task from each choice in turn, and return the first one in which the objects have enough room.
 
     Raises:
-        InvalidInputError: If no choice leaves enough room. This is the error of the last choice.
+        InvalidInputError: If no choice leaves enough room. The error of the last choice is raised.
     """
     errors = []
     for choice in choices:

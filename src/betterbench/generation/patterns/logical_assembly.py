@@ -44,10 +44,7 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Objects of a stack.
-
-    These are the base, three layers whose order varies, and possibly a layer that always comes last.
-    """
+    """Objects of a stack: the base, three layers in varying order, and optionally a layer that is always on top."""
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]

@@ -136,9 +136,8 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
-    """Yield choices of slots for the distractors around a place setting, those with the most distractors first.
-
-    The first distractor always takes over a slot from the compact item.
+    """Yield possible slots for the distractors around a place setting, most distractors first.
+    The first distractor always uses a slot that otherwise belongs to the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -149,7 +148,7 @@ def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, S
 
 
 def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
-    """Return the left and the right side of an anchor, which have much room, and the side with the least room."""
+    """Return the right and left sides of an anchor, which have plenty of room, and the side with the least room."""
     offered = footprint(anchor.category).regions & set(SIDES)
     last = next((side for side in _TRIED_LAST if side in offered), None)
     if last is None or not {"left", "right"} <= offered:
@@ -268,10 +267,9 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
-    """Add a variation in which a look-alike stands where an object stood.
-
-    The operations in ``room`` make room for it first. Return whether a variation was added, which requires a look-alike
-    that fits.
+    """Add a variation in which a look-alike takes the place of an object.
+    The operations in ``room`` are applied first, to make room for it. Return whether a variation was added. It is not
+    added if no look-alike fits.
     """
     for other in look_alikes_of(draft.cast, spec):
         if draft.vary("O", [*room, a.add(other, slot)], f"{other.kind} where the {spec.kind} stood", LOOK_ALIKE, base):
@@ -329,7 +327,7 @@ def _goals(instruction: object) -> tuple[a.Subgoal, ...]:
 def _desk_balanced(draft: Draft, plan: _Plan) -> Iterator[Condition]:
     """Yield balanced conditions for each pair of steps, in both orders.
 
-    The objects start in different slots, and the anchor is at one position or the other.
+    The objects start in different slots, and the anchor is at either of its two positions.
     """
     objects = [o for o, _ in plan.steps]
     starts, stands = draft.table.starts, draft.table.stands
@@ -400,7 +398,7 @@ def _setting_balanced(
 ) -> Iterator[Condition]:
     """Yield balanced conditions for each pair of steps, in both orders.
 
-    The long pieces start at one edge of the table or the other, and the anchor is at one position or the other.
+    The long pieces start at either edge of the table, and the anchor is at either of its two positions.
     """
     (left, _), (right, _), (compact, _) = plan.steps
     edge_1, edge_2, front, corner_1, corner_2, front_right = draft.table.starts

@@ -55,8 +55,9 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task with three plates.
 
     Either one of two plates is put on the widest plate, or one of the two on the other. If the instruction of the
-    scenario puts one plate on another, training does so too. If only one of the two plates has a look-alike, it becomes
-    the middle plate of the complete stack. Distractors are not used, because the plates fill the table.
+    scenario puts one plate on another, the training conditions do so too. If only one of the two plates has a
+    look-alike, it becomes the middle plate of the complete stack. Distractors are not used, because the plates fill the
+    table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit
@@ -159,7 +160,7 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
     """Yield balanced conditions for each instruction, with the plates in different slots.
 
-    The lowest plate is at one position or the other. If it is on the right, only the left slots are used, because the
+    The lowest plate is at either of its two positions. If it is on the right, only the left slots are used, because the
     right side then has no room for other plates.
     """
     base, middle, top = plates.base, plates.middle, plates.top

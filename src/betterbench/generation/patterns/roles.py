@@ -48,7 +48,7 @@ def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
 
 
 def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """Return the look-alikes of an object, most similar first. They have the role of distractors."""
+    """Return the look-alikes of an object, starting with the most similar one. They have the role of distractors."""
     return in_role("distractor", cast.look_alikes.get(spec.name, ()))
 
 

@@ -1,4 +1,6 @@
-"""Goal stated in an instruction, and the parts of this goal that tasks of the template cannot have.
+"""Parser for the goal that an instruction states.
+
+It also finds the parts of this goal that the template does not support.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
 :func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, from which the patterns take
@@ -41,7 +43,7 @@ _CAN = {
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Parts of the goal that an instruction states and that tasks of the template can have.
+    """Goal that an instruction states, as far as tasks of the template support it.
 
     Attributes:
         regions: Side, drawer ("upper") or hole ("hole_1") to which each item goes, by the ``instance_name`` of the
@@ -61,12 +63,12 @@ class StatedGoal:
 
     @property
     def is_specific(self) -> bool:
-        """Whether the instruction states a side, drawer, hole or plate, which the template's relation leaves open."""
+        """Whether the instruction states a side, drawer, hole or plate that the template's relation leaves open."""
         return bool(self.regions or self.onto)
 
 
 def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each part of the stated goal that tasks of the template cannot have."""
+    """Yield a problem and a remedy for each part of the stated goal that the template does not support."""
     for word, reason in stated_goal(scenario).problems:
         can = _CAN.get(template.name, template.description)
         cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"

@@ -58,7 +58,7 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
 
 
 def _closing(r: Reader, at: int) -> str:
-    """Return the reason why a request to close something is rejected, or an empty text.
+    """Return the reason why a request to close something is rejected, or an empty string.
 
     Only drawers can be closed, and only after something is put into them.
     """
@@ -70,9 +70,8 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _returning(r: Reader, at: int) -> str:
-    """Return the reason why a request to put an object "back" or "away" is rejected, or an empty text.
-
-    A request is rejected if it names no target.
+    """Return the reason why a request to put an object "back" or "away" is rejected, or an empty string.
+    Such a request is rejected if it names no target.
     """
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
         return ""
@@ -81,7 +80,7 @@ def _returning(r: Reader, at: int) -> str:
 
 
 def _result(r: Reader, at: int) -> str:
-    """Return the reason why the named result of an assembly is rejected, or an empty text.
+    """Return the reason why the named result of an assembly is rejected, or an empty string.
 
     It is rejected if the layers do not make this result, or if several results are requested.
     """
@@ -94,7 +93,7 @@ def _result(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return the reason why a number is rejected, or an empty text.
+    """Return the reason why a number is rejected, or an empty string.
 
     A number is rejected if it is too large for a scene, or does not refer to objects.
     """

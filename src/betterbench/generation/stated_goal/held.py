@@ -12,7 +12,7 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
     """Return the single item that a relation in an instruction is about.
 
     Returns:
-        The name of the item and an empty text; or an empty name and the reason why there is no single item.
+        The name of the item and an empty string; or an empty string and the reason why there is no single item.
     """
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:

@@ -79,10 +79,11 @@ class Reader:
     """Parsed words of an instruction, with the objects to which they refer.
 
     Attributes:
-        objects: Objects of the scenario by name. ``role_of`` has the role of each object.
+        objects: Objects of the scenario by name. ``role_of`` contains the role of each object.
         surfaces: Words for the surface on which all objects stand, such as the table.
         raw: Words in lower case. ``tokens`` are the same words in the singular.
-        mentions: Nouns by the index of their first token. ``taken`` has the indices of all tokens of nouns.
+        mentions: Nouns by the index of their first token. ``taken`` contains the indices of all tokens that belong to
+            nouns.
         positions: Indices of words such as "left" that belong to no relation, set by :meth:`relations`.
     """
 
@@ -263,7 +264,7 @@ class Reader:
         )
 
     def moved(self, said: Said) -> str:
-        """Return the reason why a relation is rejected, or an empty text.
+        """Return the reason why a relation is rejected, or an empty string.
 
         A relation is rejected if it moves an object that is not an item.
         """

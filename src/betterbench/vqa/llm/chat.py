@@ -54,7 +54,7 @@ class RefusedError(ModelError):
 
 
 class Chat(Protocol):
-    """Model that answers chat messages with a text."""
+    """Model that replies to chat messages with text."""
 
     @property
     def name(self) -> str:
@@ -91,12 +91,12 @@ class ChatEndpoint:
             url: Base address, such as ``http://localhost:8000/v1``. ``/chat/completions`` is added to it.
             model: Name of the model at that address.
             key_variable: Name of the environment variable that may contain the API key.
-            timeout_s: Longest time to wait for the beginning of an answer, and between its parts [s].
-            deadline_s: Longest time to wait for a whole answer [s]. It matters for servers that send an answer in many
+            timeout_s: Maximum time to wait for the beginning of an answer, and between its parts [s].
+            deadline_s: Maximum time to wait for a whole answer [s]. It matters for servers that send an answer in many
                 small parts.
             tries: Maximum number of times that a request is sent if transient failures occur. If the server limits the
                 request rate (HTTP 429), at least ten tries are made.
-            further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
+            further: Additional fields for each request, such as vLLM's ``mm_processor_kwargs``.
             cache: Stored replies to earlier requests. A request with a stored reply is not sent.
             sleep: Function that waits between tries [s]. Tests replace it.
 
@@ -192,7 +192,7 @@ class ChatEndpoint:
         return answer, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:
-        """Read the content of a reply, up to the largest number of bytes that is allowed.
+        """Read the content of a reply, up to the maximum allowed size.
 
         Raises:
             TimeoutError: If the reply is not complete in time.
@@ -293,7 +293,7 @@ def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
     """Return the text of an answer, which some servers send in parts.
 
     Raises:
-        TypeError: If the content is not a text.
+        TypeError: If the content is not text.
     """
     if content is None or isinstance(content, str):
         return content or ""

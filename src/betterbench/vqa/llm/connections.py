@@ -28,7 +28,10 @@ class Connections:
 
     @contextmanager
     def kept(self) -> Iterator[Connections]:
-        """Context in which connections stay open between requests. They are closed when the last such context ends."""
+        """Context manager that keeps connections open between requests.
+
+        They are closed when the last such context ends.
+        """
         with self._lock:
             if self._holders == 0:
                 self._stopped.clear()

@@ -54,7 +54,7 @@ def read_points(spec: AnswerSpec, text: str) -> Read:
 
 
 def numbers_of(answer: str) -> list[list[float]]:
-    """Return the numbers of each box or point in an answer that was read into a :class:`Read`."""
+    """Return the numbers of each box or point in the answer of a :class:`Read`."""
     return [[float(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
@@ -75,7 +75,10 @@ def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
 
 
 def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
-    """Return the groups of numbers in a text that contains only coordinates, and their notation."""
+    """If a text consists only of coordinates, return their groups of numbers and the notation.
+
+    Otherwise, the list of groups is empty.
+    """
     text = text.strip()
     fence = _FENCE.fullmatch(text)
     bare = (fence[1] if fence else text).strip()

@@ -72,7 +72,10 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Return whether a step looks done. If the step is to close a drawer, the content must also be inside."""
+    """Return whether a step looks done.
+
+    If the step is to close a drawer, the objects that go into the drawer must also be inside.
+    """
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False

@@ -40,7 +40,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about whether the object in a box is of a certain kind.
 
-    They ask for the object's own kind, and for the kinds that stood in the object's slot in training.
+    They ask about the object's own kind, and about the kinds that stood in the object's slot in training.
     """
     info = moment.state.info
     for kind, o in moment.things.items():

@@ -49,7 +49,10 @@ def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _apart(moment: Moment, a: str, b: str) -> bool:
-    """Return whether the center of neither object is above, below or within the other object in the image."""
+    """Return whether two objects are clearly side by side in the image.
+
+    The center of neither object may be above, below or within the other object.
+    """
     first, second = moment.view.objects[a], moment.view.objects[b]
     return not any(
         y.box[0] <= x.centroid[0] <= y.box[2] for x, y in ((first, second), (second, first))
