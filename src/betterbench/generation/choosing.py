@@ -209,7 +209,7 @@ def checked_sentence(sentence: str) -> str:
         plain_text(text)
     except ValueError as error:
         raise InvalidInputError(
-            "sentence", str(error).partition("; write")[0], "Write letters and plain punctuation"
+            "sentence", str(error).partition("; write")[0], "Use only letters and plain punctuation"
         ) from error
     return capitalized(text if text.endswith(".") else f"{text}.")
 
@@ -266,6 +266,7 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
     """If a sentence puts a plate on another plate, exclude the widest kinds of plate for the upper one.
+
     In "the red plate on the blue plate", these kinds are excluded for the red plate but not for the blue one.
     """
     kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
@@ -309,7 +310,7 @@ def _require_nouns(tokens: list[str]) -> None:
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
-        raise InvalidInputError("sentence", f"has no noun in 'the {color} one'", cure)
+        raise InvalidInputError("sentence", f"contains 'the {color} one' without a noun", cure)
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:

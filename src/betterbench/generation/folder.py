@@ -213,7 +213,7 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
         number = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder").get("num")
         if type(number) is int and number > settings.count:
             problem = f"{out}: this folder contains {number} scenarios, not {settings.count}"
-            raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
+            raise RunConflictError(f"{problem}. Use --num {number} or more, or choose another folder.")
         changed = ("num",) if type(number) is int else ()
     write_settings(out, form, overwrite=overwrite, changed=changed)
 

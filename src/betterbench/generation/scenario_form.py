@@ -38,6 +38,7 @@ _PUNCTUATION = frozenset(" ,.'-()%:")
 
 def plain_text(text: str) -> str:
     """Check that a string contains only Latin letters, digits and plain punctuation, and return it.
+
     Raise ValueError for any other string.
     """
     for letter in text:
@@ -107,6 +108,7 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as a JSON-serializable dict, like the one in a model's answer.
+
     It contains only the fields that the paper defines.
     """
     return {

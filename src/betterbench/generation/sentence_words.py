@@ -39,7 +39,7 @@ RESULTS = frozenset(_RESULTS_WORDS.split())
 """Nouns for the result of stacking layers."""
 
 _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
-"""Nouns whose plural may mean a single object, as "napkins" for a stack of napkins."""
+"""Nouns whose plural may mean a single object, such as "napkins" for a stack of napkins."""
 
 
 def raw_tokens(text: str) -> list[str]:

@@ -136,6 +136,7 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
     """Return the nouns that can refer to a type, as tuples of words.
+
     They include the name of the type. For an unknown type, return only its name.
     """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}

@@ -9,6 +9,7 @@ from betterbench.tasks.condition import ObjectSpec
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
     """For each kind of object, return a word that distinguishes it from the other kinds.
+
     This is the noun, the first word, or the full name of the kind.
     """
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))

@@ -45,21 +45,21 @@ _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
 """Text with which the first line of an answer file begins."""
 MOST_AT_ONCE = 256
-"""Largest number of requests that are sent at the same time."""
+"""Maximum number of requests that are sent at the same time."""
 _MOST_AHEAD = 64
-"""Largest number of answers that wait for the answer to an earlier request.
+"""Maximum number of answers that wait for the answer to an earlier request.
 
 They wait because answers are written in the order of the requests.
 """
 _SYNC_WITHIN_S = 1.0
-"""Longest time until an answer is forced to disk [s].
+"""Maximum time until an answer is flushed to disk [s].
 
 A flush takes 4 ms, so that flushing after each answer would limit a run to 250 answers per second. A process that is
 killed loses nothing. A power failure may lose the answers of this interval.
 """
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
-"""Largest number of characters of a stored answer. Of a longer answer, only the start and the end are stored."""
+"""Maximum length of a stored answer [characters]. Only the start and the end of a longer answer are stored."""
 
 _LINES = {
     Form.YES_NO: "Answer with Yes or No only.",
@@ -387,11 +387,11 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         RecordError: If the file cannot be read or is malformed.
         InvalidInputError: If the answers belong to a different set.
     """
-    cure = _CURE if file.exists() else "Give the file that better vqa SET --ask wrote"
+    cure = _CURE if file.exists() else "Pass the file written by `better vqa SET --ask`"
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     lines = [line for line in raw.removeprefix(codecs.BOM_UTF8).split(b"\n") if line.strip()]
     if not lines:
-        raise RecordError(f"{file}: is empty. {_CURE}.")
+        raise RecordError(f"{file} is empty. {_CURE}.")
     if len(lines) > len(asked.questions) + 1:
         problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
         raise InvalidInputError(str(file), problem, "Use a file with one answer per question of that set")
@@ -406,12 +406,12 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         raise InvalidInputError(
             str(file),
             f"contains answers to a different set than {asked.path}",
-            "Use the set for which the answers were given",
+            "Use the question set to which the answers belong",
         )
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
         raise RecordError(
-            f"{file}: contains an answer to {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}."
+            f"{file} contains an answer to {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}."
         )
     _require_unchanged(found, file)
     return found
@@ -426,7 +426,7 @@ def read_stored_answers(file: Path) -> Answers:
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=_CURE, raises=RecordError)
     lines = [line for line in raw.split(b"\n") if line.strip()]
     if not lines:
-        raise RecordError(f"{file}: is empty. {_CURE}.")
+        raise RecordError(f"{file} is empty. {_CURE}.")
     found = _parsed(lines, file)
     _require_unchanged(found, file)
     return found
@@ -450,7 +450,8 @@ def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
 def _require_unchanged(found: Answers, file: Path) -> None:
     if found.changed:
         raise RecordError(
-            f"{file}, line {found.changed}: was changed after it was written: its checksum does not match. {_CURE}."
+            f"{file}: the checksum of line {found.changed} does not match, so it was changed after it was written. "
+            f"{_CURE}."
         )
 
 

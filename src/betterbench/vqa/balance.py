@@ -18,11 +18,11 @@ from typing import TypeVar
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
 LEAST_CELLS = 10
-"""Smallest number of image cells over which the boxes or points for one kind of object must be spread."""
+"""Minimum number of image cells over which the boxes or points for one kind of object must be spread."""
 MOST_ALIKE = 2
-"""Largest number of questions with the same answer about the same objects, for each trial and camera.
+"""Maximum number of questions with the same answer about the same objects, for each trial and camera.
 
-The number is limited because successive frames are nearly equal.
+The number is limited because successive frames are almost identical.
 """
 
 

@@ -27,7 +27,7 @@ from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 FOLDS = 5
 """Number of folds in the cross-validation."""
 TARGET_POINTS = 5.0
-"""Largest excess of the blind classifier over chance with which a type still counts as balanced [percentage points]."""
+"""Maximum amount by which the blind classifier may exceed chance for a type of question [percentage points]."""
 
 
 @open_form

@@ -84,15 +84,15 @@ CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras of the images. Questions do not name the camera, so that it gives no hint about positions in the image."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
-"""Largest number of questions in a set, and largest number of frames per trial."""
+"""Maximum number of questions in a set, and maximum number of frames per trial."""
 SET_NAME = "set.json"
 """Name of the file that describes a question set."""
 SIZES_PX = 32, 4096
-"""Smallest and largest side of the images [pixel]."""
+"""Minimum and maximum side length of the images [pixel]."""
 
 _MAX_BYTES = 1 << 30
 _MAX_CANDIDATE_BYTES = 1 << 28
-"""Largest size of the unpacked candidates of one trial [bytes]."""
+"""Maximum size of one trial's candidates after unpacking [bytes]."""
 _CURE = "Make the set again in a new folder"
 _ANEW = "Delete the file and run the same command again"
 
@@ -202,7 +202,7 @@ class QuestionSet:
         data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
         known = self.images.get(place, "") if self.images else None
         if known not in (None, hashlib.sha256(data).hexdigest()):
-            raise RecordError(f"{file}: was changed after the set was made. {_CURE}.")
+            raise RecordError(f"{file} was changed after the question set was made. {_CURE}.")
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
@@ -221,7 +221,7 @@ class QuestionSet:
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
                 problem = f"the record of {entry.key} in {run.path} is not the record from which the set was created"
-                raise InvalidInputError(str(self.path), problem, "Use the set that better vqa created from this run")
+                raise InvalidInputError(str(self.path), problem, "Use the set that `better vqa` created from this run")
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict that describes the set without its questions."""
@@ -430,9 +430,9 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
         with gzip.GzipFile(fileobj=io.BytesIO(raw)) as unpacked:
             data = unpacked.read(_MAX_CANDIDATE_BYTES + 1)
     except (OSError, EOFError, ValueError, zlib.error) as error:
-        raise RecordError(f"{file}: cannot be read ({one_line(error, most=200)}). {_ANEW}.") from error
+        raise RecordError(f"{file} cannot be read ({one_line(error, most=200)}). {_ANEW}.") from error
     if len(data) > _MAX_CANDIDATE_BYTES:
-        raise RecordError(f"{file}: unpacks to more than {_MAX_CANDIDATE_BYTES} bytes. {_ANEW}.")
+        raise RecordError(f"{file} unpacks to more than {_MAX_CANDIDATE_BYTES} bytes. {_ANEW}.")
     for line in open_sealed_lines(data, where=str(file), cure=_ANEW, raises=RecordError):
         yield read_form(CANDIDATE, line, where=str(file), cure=_ANEW, raises=RecordError, sealed=True)
 
@@ -536,7 +536,7 @@ COLUMNS = {
     "time_s": "number", "camera": "text", "width": "integer", "height": "integer", "box": "integers",
     "runs": "integers",
 }  # fmt: skip
-"""Columns of ``questions.parquet``, each with the kind of value."""
+"""Columns of ``questions.parquet``, each with the type of its values."""
 
 
 def _row(question: Question) -> dict[str, Any]:
@@ -568,14 +568,14 @@ def read_set(folder: Path) -> QuestionSet:
     """
     if not (folder / "summary.json").exists():
         raise RecordError(
-            f"{folder}: contains no complete question set. Create one with better vqa RUN --out {folder}."
+            f"{folder} contains no complete question set. Create one with `better vqa RUN --out {folder}`."
         )
     form = _sealed(folder / "summary.json")
     summary = read_form(_SUMMARY, form, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
     file = folder / "questions.jsonl"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     if hashlib.sha256(data).hexdigest() != summary.sha256:
-        raise RecordError(f"{file}: was changed after it was written. {_CURE}.")
+        raise RecordError(f"{file} was changed after it was written. {_CURE}.")
     questions = tuple(
         read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
         for n, line in enumerate(data.splitlines(), start=1)

@@ -52,7 +52,7 @@ from betterbench.vqa.types.relation import yes
 TIMES_ASKED = 2
 """Number of times that each question is asked, each time with different wording."""
 MOST_OPTIONS = 6
-"""Largest number of boxes or objects that are offered as options."""
+"""Maximum number of boxes or objects that are offered as options."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time from a release until the gripper has left the object and the next decision begins [s]."""

@@ -23,13 +23,13 @@ REACH_M = 0.10
 Slots are 12 cm apart.
 """
 NEAREST_BY_M = 0.03
-"""How much nearer the object must be to the gripper than every other object, so that the image shows the target [m]."""
+"""Minimum amount by which an object must be nearer to the gripper than all others, to be its visible target [m]."""
 CARRY_M = 0.03
 """Height above its previous support from which an object is visibly carried [m]."""
 
 
 class Act(StrEnum):
-    """Activity of the robot, as far as it can be seen in an image."""
+    """Activity of the robot that can be seen in an image."""
 
     REACHING = "reaching"
     CARRYING = "carrying"

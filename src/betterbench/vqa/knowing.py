@@ -218,14 +218,14 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
             by_trial.setdefault(q.source.trial, []).append(q)
     trials = [t for t in diagnosis.counted_trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
-        cure = "Make a set with better vqa --run RUN --out SET, and have the model answer it"
+        cure = "Make a set with `better vqa --run RUN --out SET`, and have the model answer it"
         raise InvalidInputError(str(asked.path), "contains no questions about this run", cure)
     mine = [q for t in trials for q in by_trial.get(t.trial_id, [])]
     answered = [q for q in mine if answers.has(q)]
     if not answered:
-        cure = "Run better vqa SET --ask, or give a file with answers to that set"
+        cure = "Run `better vqa SET --ask`, or pass a file with answers to that set"
         raise InvalidInputError(
-            f"answers of {answers.head.model!r}", f"they do not answer any question of {asked.path}", cure
+            f"answers of {answers.head.model!r}", f"the file contains no answer to a question of {asked.path}", cure
         )
     blind = _blind_by_role(asked.questions)
     found = tuple(
@@ -285,7 +285,7 @@ def read_knowledge(run: RunFolder) -> Knowledge | None:
     path = knowledge_path(run)
     if not path.exists():
         return None
-    cure = "Run better diagnose RUN --answers FILE again"
+    cure = "Run `better diagnose RUN --answers FILE` again"
     raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     form = open_seal(raw, where=str(path), cure=cure, raises=RecordError, since=("version", 2))
     return read_form(_KNOWLEDGE, form, where=str(path), cure=cure, raises=RecordError)

@@ -136,7 +136,7 @@ class Candidate:
 
 
 _LONGEST_PLACE = 1000
-"""Largest number of characters in the path of an image within its set."""
+"""Maximum length of an image's path within its set [characters]."""
 
 
 def _inside(place: str) -> str:

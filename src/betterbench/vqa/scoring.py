@@ -11,7 +11,7 @@ from betterbench.vqa.parsing.points import numbers_of
 from betterbench.vqa.question import Form, Question
 
 LEAST_OVERLAP = 0.5
-"""Smallest intersection over union of a correct box.
+"""Minimum intersection over union of a correct box and the true box.
 
 This is the usual threshold of detection benchmarks (PASCAL VOC).
 """

@@ -258,12 +258,13 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
     raise InvalidInputError(
         "sentence",
         f"the model chose no template ({problem})",
-        "Give one of the templates that better list templates prints",
+        "Use one of the templates listed by `better list templates`",
     )
 
 
 def _template_in(answer: str) -> tuple[str, str]:
     """Return the template named in a model's answer, and an empty string.
+
     If the answer names no template, return an empty string and the problem.
     """
     try:

@@ -103,10 +103,10 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
         RecordError: If a line is corrupt or was changed.
     """
     if not path.is_file():
-        raise InvalidInputError("--replay", f"{path} is not a file", f"Give the {FILE_NAME} of an earlier run")
+        raise InvalidInputError("--replay", f"{path} is not a file", f"Pass the {FILE_NAME} of an earlier run")
     found = {exchange.key: exchange for exchange, _ in _parsed(path, complete_lines(path)[0])}
     if not found:
-        raise InvalidInputError("--replay", f"{path} contains no exchange", f"Give the {FILE_NAME} of an earlier run")
+        raise InvalidInputError("--replay", f"{path} contains no exchange", f"Pass the {FILE_NAME} of an earlier run")
     return found
 
 

@@ -243,6 +243,7 @@ class _Maker:
 
     def _template(self) -> tuple[Template | None, Role]:
         """Return the template of the task, and the role that the target of the goals has in it.
+
         The first goal with a relation that exists in our task format determines the template.
         """
         for variation in self.resolved.values():

@@ -289,7 +289,7 @@ class ReleaseTask:
         instances: Objects by id, in the order of the file.
         groups: Ids of the container, goal, fail and decor objects in ``object_universe.yaml``.
         candidates: Source ids of the assets for each object, by object id. None if ``asset_bindings.yaml`` is missing.
-        names: Further names of objects by object id, from ``asset_bindings.yaml``.
+        names: Additional names of objects by object id, from ``asset_bindings.yaml``.
         template: Constraint template, or None if the clone does not contain it.
     """
 
@@ -315,7 +315,7 @@ def find_tasks(folder: Path) -> tuple[Path, ...]:
     found = sorted(file.parent for file in folder.glob("assets/tasks/*/*/task.yaml"))
     if not found:
         problem = "has neither a task.yaml nor assets/tasks/TEMPLATE/TASK/task.yaml"
-        cure = "Give a clone of github.com/BeingBeyond/BeTTER, or the folder of a task in it"
+        cure = "Pass a clone of github.com/BeingBeyond/BeTTER, or the folder of a task in it"
         raise InvalidInputError(str(folder), problem if folder.is_dir() else "is not a folder", cure)
     return tuple(found)
 
@@ -367,7 +367,7 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
             if instance.instance_id in instances:
                 where = f"{group}{'' if group == 'container' else '_objects'}[{i}].instance_id"
                 problem = f"{instance.instance_id!r} is given twice"
-                _refuse(folder / "object_universe.yaml", where, problem, "Give each object its own id")
+                _refuse(folder / "object_universe.yaml", where, problem, "Use a different id for each object")
             instances[instance.instance_id] = instance
     if len(instances) > MOST_OBJECTS:
         problem = f"lists {len(instances)} objects"

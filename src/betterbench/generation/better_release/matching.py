@@ -105,7 +105,7 @@ def match_instances(
         if category not in categories():
             raise UnknownNameError("asset category", category, categories())
     if SOURCE not in catalogue.sources:
-        cure = "Run better assets index procedural, or leave out --catalogue"
+        cure = "Run `better assets index procedural`, or leave out --catalogue"
         raise InvalidInputError("--catalogue", "the catalogue does not contain the procedural library", cure)
     matches: dict[str, Match] = {}
     targets = _targets(task)

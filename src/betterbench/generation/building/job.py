@@ -95,7 +95,7 @@ def build_suite(
         WorkerError: If worker processes keep dying.
     """
     if not scenarios:
-        raise InvalidInputError("scenarios", "the list is empty", "Give at least one scenario")
+        raise InvalidInputError("scenarios", "the list is empty", "Pass at least one scenario")
     require_suite_name(name)  # check before hours of work
     settings = settings or Settings()
     if meshes is not None:

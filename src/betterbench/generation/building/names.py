@@ -12,7 +12,7 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.terms import terms
 
 SYNONYMS = 2
-"""Number of leading tags of an asset that always count as its names."""
+"""Number of tags of an asset, from the first one, that are always accepted as its names."""
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:

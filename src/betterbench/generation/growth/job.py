@@ -159,7 +159,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
     require_between("--until", settings.until, 1, MOST_TASKS)
     require_suite_name(settings.name, where="--name")
     if author.target and author.sentence:
-        cure = "Give a template, or leave it out for all templates"
+        cure = "Use the name of a template, or leave it out to use all templates"
         raise InvalidInputError(
             "better generate", "a sentence describes a single scenario, but --until needs many scenarios", cure
         )

@@ -15,7 +15,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.condition import Role
 
 Distinct = Literal["categories", "colors"]
-"""Minimum difference between two tasks that are not near-duplicates.
+"""Smallest difference with which two tasks are not near-duplicates.
 
 With "categories", an object must have a different category. With "colors", a different color is enough.
 """

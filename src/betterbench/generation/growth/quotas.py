@@ -190,7 +190,7 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """Scenarios that an author can write, as far as this is known."""
+    """What is known about the scenarios that an author can write."""
 
     @property
     def templates(self) -> Sequence[str]:
@@ -233,9 +233,7 @@ def _require_each_once(quotas: Sequence[Quota]) -> None:
     for name, count in Counter(quota.name for quota in quotas).items():
         if count > 1:
             both = " and ".join(str(q) for q in quotas if q.name == name)
-            raise InvalidInputError(
-                "--quota", f"{name} is given {count} times ({both})", "Give only one of these quotas"
-            )
+            raise InvalidInputError("--quota", f"{name} occurs {count} times ({both})", "Use only one of these quotas")
 
 
 def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:

@@ -23,7 +23,7 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Number of color choices that are compared for a goal. The choice with the least used colors is taken."""
+"""Number of color choices that are compared for a goal. The choice with the least-used colors is taken."""
 COMPARED = 400
 """Number of goals that are compared for a context. The goal least similar to earlier goals is taken."""
 PATIENCE = 5
@@ -253,6 +253,7 @@ class ModelSource:
 
     def take(self, proposal: Proposal) -> None:
         """Register a proposal.
+
         Later scenarios must differ from the proposed one. After repeated failures, the template is treated as
         exhausted.
         """

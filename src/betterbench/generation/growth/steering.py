@@ -156,7 +156,7 @@ class Steering:
         """Return the template and context of the next scenario, or None if the quotas allow none.
 
         The choice is the template and context with which a task would help to fill the most open quotas. If several are
-        equally helpful, the least used ones are chosen. If all missing tasks are needed to reach the minimums for a
+        equally helpful, the least-used ones are chosen. If all missing tasks are needed to reach the minimums for a
         property, only values of this property that still lack tasks are chosen.
 
         Args:

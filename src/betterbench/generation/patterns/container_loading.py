@@ -96,6 +96,7 @@ class _Loading:
 
     def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
         """Return the two items, starting with the one that goes into the upper drawer in training.
+
         The given order is reversed if the scenario's instruction puts the items into the other drawers.
         """
         stated = stated_goal(self.cast.scenario).regions

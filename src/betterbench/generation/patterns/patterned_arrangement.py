@@ -137,6 +137,7 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
     """Yield possible slots for the distractors around a place setting, most distractors first.
+
     The first distractor always uses a slot that otherwise belongs to the compact item.
     """
     slots = _SETTING.besides
@@ -176,7 +177,7 @@ def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
     """Raise InvalidInputError because the scenario's instruction puts an object at a side that has no room for it."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
-    raise InvalidInputError(where, problem, "State another side, or do not state a side")
+    raise InvalidInputError(where, problem, "Choose another side, or leave the side out")
 
 
 def _fits(spec: ObjectSpec, side: str) -> bool:
@@ -268,6 +269,7 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
     """Add a variation in which a look-alike takes the place of an object.
+
     The operations in ``room`` are applied first, to make room for it. Return whether a variation was added. It is not
     added if no look-alike fits.
     """

@@ -66,7 +66,7 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     plates = in_role("item", cast.groups.get("plates", ()))
     if len(plates) != 3:
         problem = f"has {len(plates)} objects, but three are needed"
-        raise InvalidInputError("cast group 'plates'", problem, "Choose three plates, so that a stack can grow")
+        raise InvalidInputError("cast group 'plates'", problem, "Choose exactly three plates")
     require_usable(plates)
     onto = stated_goal(cast.scenario).onto
     carried = {upper for upper, _ in onto}

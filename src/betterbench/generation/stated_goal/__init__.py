@@ -43,7 +43,7 @@ _CAN = {
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Goal that an instruction states, as far as tasks of the template support it.
+    """Goal that an instruction states, limited to the parts that tasks of the template support.
 
     Attributes:
         regions: Side, drawer ("upper") or hole ("hole_1") to which each item goes, by the ``instance_name`` of the

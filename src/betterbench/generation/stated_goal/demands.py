@@ -71,6 +71,7 @@ def _closing(r: Reader, at: int) -> str:
 
 def _returning(r: Reader, at: int) -> str:
     """Return the reason why a request to put an object "back" or "away" is rejected, or an empty string.
+
     Such a request is rejected if it names no target.
     """
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):

@@ -34,10 +34,10 @@ MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
 _BUSY = 429
 _BUSY_TRIES = 10
-"""Smallest number of times that a request is sent to a server that limits the request rate."""
+"""Minimum number of tries before giving up on a server that limits the request rate."""
 _LONGEST_PAUSE_S = 30.0
 LONGEST_WISH_S = 300.0
-"""Longest pause that a server may ask for with ``Retry-After`` [s]."""
+"""Maximum pause that a server may request with ``Retry-After`` [s]."""
 _SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 

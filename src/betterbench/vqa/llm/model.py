@@ -62,6 +62,7 @@ class ChatModel:
 
 def opened(asked: object) -> AbstractContextManager[Stoppable]:
     """Return a context manager to use while requests are sent to a model.
+
     If the model has a method ``opened``, which opens its connections, return the result of this method. Otherwise, the
     context manager does nothing.
     """

@@ -13,7 +13,7 @@ Stage = Literal["strict", "tolerant", "extractor", "none"]
 """Stage of parsing in which a value was found."""
 
 LONGEST = 20_000
-"""Number of characters at the end of a text that are searched.
+"""Number of characters at the end of a text that are searched for an answer.
 
 The answer is there, because it follows the reasoning.
 """

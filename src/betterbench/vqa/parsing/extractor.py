@@ -17,7 +17,7 @@ from betterbench.vqa.parsing.reading import read_text
 from betterbench.vqa.question import Form
 
 LONGEST_SHOWN = 8_000
-"""Number of characters at the end of a text that the extractor gets."""
+"""Number of characters that the extractor gets, taken from the end of a text."""
 _WANTED = {
     Form.CHOICE: "the option that it finally chooses: its letter, or the words of the option",
     Form.YES_NO: "whether it finally says yes or no",

@@ -34,7 +34,7 @@ _CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
 _CLAIMS_TRIED = 3
 _MOST = 10**6
 MOST_POINTS = 10_000
-"""Largest number of points that are read from one text."""
+"""Maximum number of points that are read from one text."""
 
 Numbers = tuple[Fraction, ...]
 

@@ -15,7 +15,7 @@ CELLS = 8
 COARSE_CELLS = 4
 """Number of image cells per side within which answers are balanced, so that coordinates do not reveal them."""
 MOST_OPTIONS = 4
-"""Largest number of objects to choose from in one question."""
+"""Maximum number of objects to choose from in one question."""
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:

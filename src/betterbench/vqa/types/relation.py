@@ -15,17 +15,17 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
-"""Smallest horizontal distance between two centers for "left of", as a fraction of the width of the image.
+"""Minimum horizontal distance between two centers for "left of", as a fraction of the width of the image.
 
 This is 20 of 256 pixels, or about the width of an object.
 """
 CAMERA_MARGIN_M = 0.06
-"""Smallest difference between the distances of two objects from the camera for "nearer" [m].
+"""Minimum difference between the distances of two objects from the camera for "nearer" [m].
 
 This is about the smallest difference that people can judge.
 """
 ROBOT_MARGIN_M = 0.05
-"""Smallest difference between two objects in the robot frame, sideways or in distance from the base [m].
+"""Minimum difference between two objects in the robot frame, sideways or in distance from the base [m].
 
 Objects are 4 to 8 cm wide.
 """

@@ -15,7 +15,7 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 HIGHER_M = 0.008
-"""Smallest difference in height for "higher" [m]. Layers are at least 10 mm thick."""
+"""Minimum difference in height for "higher" [m]. Layers are at least 10 mm thick."""
 
 
 def stacking(moment: Moment) -> Iterator[QuestionDraft]:

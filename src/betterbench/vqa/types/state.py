@@ -14,18 +14,18 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Smallest opening of an open gripper and largest opening of a closed empty gripper, as fractions of the full opening.
+"""Minimum opening of an open gripper and maximum opening of a closed empty gripper, as fractions of the full opening.
 
 People disagree about openings in between.
 """
 FALLEN_RAD = 1.0
-"""Smallest tilt of an object that has fallen, about 60 degrees [rad].
+"""Minimum tilt of an object that has fallen, about 60 degrees [rad].
 
 There are no questions about objects with a smaller tilt, which only lean.
 """
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Smallest ratio of height to width at which a standing object and a lying one look different."""
+"""Minimum ratio of height to width at which a standing object and a lying one look different."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
