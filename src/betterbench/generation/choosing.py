@@ -135,7 +135,7 @@ class Chosen:
     Attributes:
         template: Name of the template.
         scenarios: Scenarios that contain the named objects.
-        reworded: Reason why the sentence is replaced by a generated instruction; empty if the sentence itself is the
+        reworded: Reason why the sentence is replaced by a generated instruction. Empty if the sentence itself is the
             instruction.
     """
 

@@ -85,7 +85,7 @@ class GenerateSettings:
 
     @property
     def sentence(self) -> str:
-        """The given sentence with a period at its end; empty if the target is a template.
+        """The given sentence with a period at its end, or an empty string if the target is a template.
 
         Raises:
             UnknownNameError: If the target is a single word but not the name of a template.
@@ -107,7 +107,7 @@ class Generated:
         scenarios: Scenarios by number, counted from 1.
         files: File of each scenario, by number.
         refused: Scenarios for which the model gave no valid answer.
-        reworded: Reason why a given sentence is not used as the instruction; empty if it is used, or if a model wrote
+        reworded: Reason why a given sentence is not used as the instruction. Empty if it is used, or if a model wrote
             the scenarios.
     """
 

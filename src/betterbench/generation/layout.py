@@ -38,7 +38,7 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return a message if two objects of a condition may touch when their poses are jittered; otherwise None.
+    """Return a message if two objects of a condition may touch when their poses are jittered, or None.
 
     Containers, fixtures and elongated objects are represented by the rectangle of their bounding box. Other objects are
     represented by circles around their origin. Objects that start at a target are ignored.

@@ -56,11 +56,11 @@ class Footprint:
             lengths: its longer horizontal side, and the extent of its shorter side and height as seen from above at
             this angle.
         layer_m: Smallest and largest height of the surface on which the next object of a stack stands [m].
-        grip_m: Width of the narrowest grasp of a variant, maximum over all variants [m]; None if a variant has no
+        grip_m: Width of the narrowest grasp of a variant, maximum over all variants [m]. None if a variant has no
             grasp.
-        low_m: Height of the highest grasp of a variant, minimum over all variants [m]; 0 if a variant has no grasp.
+        low_m: Height of the highest grasp of a variant, minimum over all variants [m]. 0 if a variant has no grasp.
         longish: Whether a variant is more than 1.5 times as long as it is wide.
-        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a
+        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]. None if a
             variant has no such region.
         regions: Names of the regions that all variants have.
     """
@@ -175,7 +175,7 @@ def require_grasp(spec: ObjectSpec) -> None:
         cure = f"The gripper needs {mm(WIDEST_GRASP_M)} or less; choose a smaller object"
         raise refused(spec, f"is {mm(size.grip_m)} thick at its narrowest grasp", cure)
     if size.low_m < LOW_M:
-        cure = f"The gripper needs {mm(LOW_M)} or more; choose a higher object"
+        cure = f"The gripper needs {mm(LOW_M)} or more; choose a taller object"
         raise refused(spec, f"is held {mm(size.low_m)} above the table", cure)
 
 

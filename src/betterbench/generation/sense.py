@@ -3,7 +3,7 @@
 Each problem is a sentence that begins with the path of the field. It can be sent back to the model that wrote the
 scenario. The scenario has to meet these requirements:
 
-- the groups are those of the template, have allowed numbers of objects, and instance names are unique;
+- the groups are those of the template, each has an allowed number of objects, and instance names are unique;
 - each object belongs to an allowed type of its group, and the items of a group belong together;
 - sizes and masses are usual for the kind of object, items fit the gripper and the container, and the arm can lift them;
 - the instruction (:mod:`~betterbench.generation.instruction_sense`) is one imperative sentence about existing objects,

@@ -63,7 +63,7 @@ NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word in the noun phrase whose noun is at a position, or an empty string if there is none."""
+    """Return the number word that belongs to the noun at a position, or an empty string if there is none."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word

@@ -150,7 +150,7 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective noun includes, such as "apple" for "fruit"; empty for any other noun."""
+    """Return the nouns that a collective noun includes, such as "apple" for "fruit". Empty for any other noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
@@ -209,7 +209,7 @@ def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
 
 
 def domain_of(text: str) -> str:
-    """Return the domain of an item ("food"); empty if the item fits every domain."""
+    """Return the domain of an item ("food"), or an empty string if the item fits every domain."""
     for head in head_nouns(text):
         for domain, nouns in _DOMAINS.items():
             if head in _phrases(nouns):

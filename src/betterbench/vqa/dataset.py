@@ -110,7 +110,7 @@ class Photo(Protocol):
 
 
 class PhotoSource(Protocol):
-    """Source of images of recorded trials, which are rendered on demand or were rendered before."""
+    """Source of images of recorded trials. The images are rendered on demand, or were rendered earlier."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return the image from a camera at a row of a record, with the objects that are visible in it."""

@@ -37,7 +37,7 @@ class GroupVerdict(StrEnum):
 
 
 class AskedTrial(Protocol):
-    """What a model knew in one trial, with the outcome of the trial.
+    """Knowledge of a model about one trial, with the outcome of the trial.
 
     See :class:`~betterbench.vqa.knowing.TrialKnowledge`.
     """
@@ -146,7 +146,7 @@ def group_knowledge(trials: Sequence[AskedTrial], *, alpha: float = 0.05) -> tup
     """Compare knowledge and action in groups of a policy's trials: all trials, axes, variations and failure modes.
 
     Args:
-        trials: What the model knew in each trial.
+        trials: Knowledge of the model about each trial.
         alpha: Significance level of the tests of all groups together.
     """
     found = [_group(kind, name, members) for kind, name, members in _members(trials)]

@@ -1,4 +1,7 @@
-"""Author that has a language model write scenarios. Answers are checked, corrected and stored."""
+"""Author of scenarios that uses a language model.
+
+It checks and stores the model's answers, and has invalid ones corrected.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios that a model wrote, by number from 1, and the scenarios for which it gave no valid answer."""
+    """Scenarios that a model wrote, by their number (from 1), and the scenarios for which it gave no valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -71,7 +74,7 @@ def ask_for_scenarios(
         chat: Model with its stored exchanges.
         count: Number of scenarios.
         tries: Maximum number of answers per scenario. The problems of a rejected answer are sent back to the model.
-        sentence: Sentence of a user that each scenario must match; empty if there is no sentence.
+        sentence: Sentence of a user that each scenario must match. Empty if there is no sentence.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
@@ -104,10 +107,10 @@ class Request:
 
     Attributes:
         template: Template of the scenario.
-        sentence: Sentence of a user that the scenario must match; empty if there is no sentence.
+        sentence: Sentence of a user that the scenario must match. Empty if there is no sentence.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         before: Earlier scenarios, whose sets of objects must not be repeated.
-        context: Required context; empty if any context is allowed.
+        context: Required context. Empty if any context is allowed.
     """
 
     template: Template
@@ -222,7 +225,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return how a scenario differs from the user's sentence: missing objects, missing places, and other goals."""
+    """Return how a scenario differs from the user's sentence: missing objects, missing places, and different goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)

@@ -78,8 +78,8 @@ def scenario_messages(
         template: Template to fill.
         number: Number of the first scenario, which makes the request unique.
         count: Number of scenarios to write.
-        sentence: Sentence of a user that the scenario must match; empty if there is no sentence.
-        context: Context that the scenario must have; empty if any context is allowed.
+        sentence: Sentence of a user that the scenario must match. Empty if there is no sentence.
+        context: Context that the scenario must have. Empty if any context is allowed.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         written: Existing scenarios, which must not be repeated.
     """

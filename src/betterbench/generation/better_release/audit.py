@@ -90,7 +90,7 @@ class Finding:
     """A finding of the audit about one variation or the complete task.
 
     Attributes:
-        variation: Id of the variation; "" for the complete task.
+        variation: Id of the variation, or "" for a finding about the complete task.
         code: Kind of finding, a key of :data:`CODES`.
         text: Description of the finding in one sentence.
         numbers: Measured values by name. Each name ends with its unit ("nearest_own_cm").

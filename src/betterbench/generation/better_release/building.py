@@ -211,7 +211,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons why our task format cannot represent a variation; empty if it can."""
+        """Return the reasons why our task format cannot represent a variation. Empty if it can."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -430,7 +430,10 @@ def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, S
 
 
 def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operation], None]) -> None:
-    """Replace each unwanted object by the new object that needs its slot, or remove it if no new object does."""
+    """Replace each unwanted object by the new object that needs its slot.
+
+    If no new object needs the slot, remove the object.
+    """
     gone = [spec for spec in base.objects if spec not in wanted.objects]
     gone += [s for s in base.objects if s in wanted.objects and s.name in base.preplaced and s.name in wanted.layout]
     new = {wanted.layout[s.name]: s for s in wanted.objects if s not in base.objects and s.name in wanted.layout}

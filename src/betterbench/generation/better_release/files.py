@@ -422,7 +422,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
 
 
 def _require_own_place(file: Path, name: str, variation: VariationFile, base: VariationFile) -> None:
-    """Check that a variation has the name of its file and extends the base variation."""
+    """Check that a variation has the same name as its file and extends the base variation."""
     if variation.variation_id != name:
         problem = f"{variation.variation_id!r} is not the name of the file"
         _refuse(file, "variation_id", problem, f"Write {name!r}, or rename the file")

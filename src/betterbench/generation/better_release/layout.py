@@ -234,7 +234,7 @@ def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
 
 @functools.cache
 def _usual_yaw(category: str) -> float:
-    """Return the most frequent heading of a category's targets in the suite [rad]; 0 if the suite has none."""
+    """Return the most frequent heading of a category's targets in the suite [rad], or 0 if the suite has none."""
     yaws = Counter(
         task.slot(condition.layout[spec.name]).yaw
         for task in map(get_task, suite_tasks("better60"))
@@ -276,7 +276,7 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
 def _free_yaw(
     i: int, targets: list[int], clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]
 ) -> float:
-    """Return the heading of a slot with which the gripper opens parallel to the nearest wall of a target [rad]."""
+    """Return the heading of a slot at which the gripper opens parallel to the nearest wall of a target [rad]."""
     grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
     if not grasps or not targets:
         return 0.0

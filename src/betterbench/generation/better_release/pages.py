@@ -1,4 +1,4 @@
-"""Files of an audit: ``audit.json`` for programs, and ``audit.md`` for readers."""
+"""Files of an audit: ``audit.json`` for programs, and ``audit.md`` for people."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Imported:
     """Imported release task, with its library assets and the results of the audit and the certification.
 
     Attributes:
-        certificate: Certification results by condition of our task; empty if the task was not certified.
+        certificate: Certification results by condition of our task. Empty if the task was not certified.
     """
 
     release: ReleaseTask

@@ -54,7 +54,7 @@ class Named:
     Attributes:
         text: The noun in the singular ("juice box", "fruit").
         objects: Objects of the task to which the noun can refer, whether or not they are in the scene.
-        every: Whether the noun refers to all of these objects, as in "the fruits"; otherwise to at least one.
+        every: Whether the noun refers to all of these objects, as in "the fruits". If not, it refers to at least one.
         is_class: Whether the noun is a class of objects ("fruit").
         is_target: Whether the noun follows a preposition, as the container does.
     """
@@ -73,7 +73,7 @@ class Sentence:
     Attributes:
         text: Text of the instruction.
         nouns: Known nouns, in order.
-        undecided: Reasons why the instruction cannot be compared with the goals; empty if it can.
+        undecided: Reasons why the instruction cannot be compared with the goals. Empty if it can.
     """
 
     text: str
@@ -85,7 +85,7 @@ class Lexicon:
     """Nouns that can refer to the objects of a task.
 
     Args:
-        task: Task. Objects that are not in the scene also have nouns, so that they can be recognized.
+        task: Task with the objects. Objects that are not in the scene also have nouns, so that they can be recognized.
     """
 
     def __init__(self, task: ReleaseTask) -> None:
@@ -148,7 +148,7 @@ class Lexicon:
         return Sentence(text, tuple(nouns), tuple(dict.fromkeys(undecided)))
 
     def _longest(self, words: list[str], at: int) -> int:
-        """Return the number of words in the longest known noun that begins at a position; 0 if no noun begins there."""
+        """Return the number of words in the longest known noun at a position, or 0 if no noun begins there."""
         for length in range(min(4, len(words) - at), 0, -1):
             phrase = tuple(words[at : at + length])
             if phrase not in self._phrases or set(phrase) <= _PLAIN_WORDS | _VERBS | _ADJECTIVES:
@@ -200,7 +200,7 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
 
 
 def _head(text: str) -> Noun:
-    """Return the head noun of a description ("lunchbox" for "an open lunchbox"); empty if there is none."""
+    """Return the head noun of a description ("lunchbox" for "an open lunchbox"). Empty if there is none."""
     concepts = understood(text).concepts if text.strip() else ()
     return next((c.alternatives[0][0] for c in concepts if c.weight >= 1.0), ())
 

@@ -52,7 +52,7 @@ _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return the reason why an asset is not suitable for an object group of a template; empty if it is suitable."""
+    """Return the reason why an asset does not suit an object group of a template, or an empty string if it does."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -157,7 +157,7 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
-    """Return the tags of library assets that name a material, a place or a use, such as "glass" for a jar.
+    """Return the tags in the library that name a material, a place or a use, such as "glass" for a jar.
 
     Each tag is a tuple of normalized words.
     """

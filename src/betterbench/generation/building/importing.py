@@ -97,7 +97,7 @@ def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
 
 
 def _problem_of(request: ImportRequest) -> str:
-    """Return the reason why a mesh fails its certificate; empty if it passes."""
+    """Return the reason why a mesh fails its certificate, or an empty string if it passes."""
     certificate = certify_target(Target(request.path.name, request.path, request.wishes, request.color))
     said = certificate.refused or "; ".join(f"{check.name}: {check.sentence}" for check in certificate.failed)
     return one_line(said, most=300)

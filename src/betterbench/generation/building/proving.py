@@ -71,8 +71,8 @@ def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
 
     Args:
         task: Registered task.
-        seeds: Number of trials per variation, from seed 0. As in ``better eval --trials``, the training conditions
-            together have as many trials as the variations.
+        seeds: Number of trials per variation, from seed 0. As in ``better eval --trials``, all training conditions
+            together have as many trials as all variations together.
         demonstrations: Number of demonstrations, at least one for each training condition.
     """
     first, later = planned_demonstrations(task, demonstrations)

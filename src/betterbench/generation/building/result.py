@@ -51,7 +51,7 @@ class Attempt:
 
     Attributes:
         change: Difference from the first attempt ("other slots").
-        reason: Reason why the attempt failed; empty if it succeeded.
+        reason: Reason why the attempt failed. Empty if it succeeded.
         failures: Conditions that failed a clause of the certificate.
     """
 
@@ -107,7 +107,7 @@ class Result:
         unbuilt: Variations of the template that could not be derived for the task.
         confounds: Regularities in the training conditions, one sentence each.
         chosen: Chosen assets, with their search scores.
-        task: Task in JSON form; None if no attempt succeeded.
+        task: Task in JSON form. None if no attempt succeeded.
         demonstrated: Measurements of the task's demonstrations.
         trials: Certificates of the task's trials.
     """
@@ -138,7 +138,7 @@ class BuildReport:
 
     Attributes:
         results: One result for each scenario, in order.
-        suite: Folder of the suite; None if no task was certified.
+        suite: Folder of the suite. None if no task was certified.
     """
 
     results: tuple[Result, ...]

@@ -118,7 +118,7 @@ class GrowProgress:
         accepted: Number of certified tasks, including those of the current round.
         refused: Number of scenarios that could not be certified.
         left_out: Number of proposed scenarios that were not built.
-        last: Result of the last scenario that was built; None while scenarios are drawn.
+        last: Result of the last scenario that was built. None while scenarios are drawn.
         proposed: Number of the last proposal.
     """
 
@@ -139,7 +139,7 @@ class PreparedGrowth:
     Attributes:
         settings: Settings that were checked.
         known: Names of the tasks in other suites, by their near-duplicate key (see ``likeness``).
-        offline: Author that uses the grammar; None if a model is used.
+        offline: Author that uses the grammar. None if a model is used.
     """
 
     settings: GrowSettings

@@ -53,7 +53,7 @@ class GrownTask:
         difficulty: Level of difficulty.
         expert_s: Median time of the expert in the variations of the task [s].
         variations: Number of variations by axis.
-        set_aside: Reason why the certified task is not part of the suite; empty if it is part of it.
+        set_aside: Reason why the certified task is not part of the suite. Empty if it is part of it.
     """
 
     result: Result
@@ -79,7 +79,7 @@ class Growth:
         goals: Number of different goals for which the author has scenarios, or None if it is not known.
         near_duplicates: Number of scenarios that were left out because they are near-duplicates.
         known_goals: Number of goals that were left out because a task in another suite has them.
-        suite: Folder of the suite; None if no task was accepted.
+        suite: Folder of the suite. None if no task was accepted.
     """
 
     until: int

@@ -43,8 +43,8 @@ class Proposed:
 
     Attributes:
         outcome: "drawn" if the scenario can be built, otherwise the category of the problem.
-        scenario: The scenario; None if the author wrote none.
-        key: Key that near-duplicates of the scenario share; empty if it is unknown.
+        scenario: The scenario. None if the author wrote none.
+        key: Key that near-duplicates of the scenario share. Empty if it is unknown.
         problem: Reason why the scenario cannot be built.
     """
 

@@ -100,7 +100,10 @@ class _Tally:
         return other
 
     def of(self, kind: Kind, value: str) -> float:
-        """Return how many tasks, or variations for an axis, have a value of a property."""
+        """Return how many tasks have a certain value of a property.
+
+        For an axis, variations are counted instead of tasks.
+        """
         return self.counts.get((kind, value), 0.0)
 
     def _count(self, kind: Kind, value: str, number: float) -> None:

@@ -1,6 +1,6 @@
 """Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-In training, instructions name the object itself only in the first layout, and its position only in the second layout.
+In training, instructions for the first layout name only the object, and those for the second layout only its position.
 """
 
 import itertools
@@ -245,7 +245,7 @@ def _require_fit(item: a.ObjectSpec, fixture: a.ObjectSpec) -> None:
             raise refused(item, f"is {mm(width)} wide", f"The ring is {mm(allowed)} wide; choose a narrower object")
         free = spout.position[2] - spout.half_size[2] - ring.position[2] - ENTRY_RISE_M - MARGIN_M
         if asset.size_m[2] > free:
-            cure = f"Below the spout there is room for {mm(free)}; choose a lower object"
+            cure = f"Below the spout there is room for {mm(free)}; choose an object that is not as tall"
             raise refused(item, f"is {mm(asset.size_m[2])} high", cure)
         head = spout.position[0] + spout.half_size[0] - ring.position[0]
         needed = head + HALF_HAND_M + MARGIN_M

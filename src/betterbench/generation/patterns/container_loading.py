@@ -285,5 +285,5 @@ def _require_fit(item: a.ObjectSpec, cabinet: a.ObjectSpec, drawers: tuple[a.Obj
             floor = inside.position[2] - inside.half_size[2]
             free = 2.0 * mount.half_size[2] - floor - WALL_M
             if height > free:
-                cure = f"The closed {drawer.kind} has room for {mm(free)}; choose a lower object"
+                cure = f"The closed {drawer.kind} has room for {mm(free)}; choose an object that is not as tall"
                 raise refused(item, f"is {mm(height)} high", cure)

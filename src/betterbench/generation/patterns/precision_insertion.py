@@ -209,7 +209,7 @@ def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:
             raise refused(item, problem, cure)
         held, needed = max(grasp.pose.position[2] for grasp in asset.grasps), max(depths) + HELD_M
         if held < needed:
-            cure = f"The gripper needs {mm(needed)} to stay above the rack; choose a higher object"
+            cure = f"The gripper needs {mm(needed)} to stay above the rack; choose a taller object"
             raise refused(item, f"is held {mm(held)} above its foot", cure)
 
 

@@ -45,7 +45,7 @@ class Mention:
         at: Index of the noun's first token.
         end: Index after the noun's last token.
         objects: Names of the objects to which the noun may refer.
-        number: Stated number of objects; 2 for a plural without a number; 0 for a singular without a number.
+        number: Stated number of objects. If no number is stated, 2 for a plural and 0 for a singular.
     """
 
     at: int
@@ -63,7 +63,7 @@ class Said:
         meaning: Meaning of the relation ("left").
         subjects: Nouns before the relation that do not belong to an earlier relation.
         target: Noun after the relation, or None if a place or nothing follows.
-        place: Place after the relation ("table", "ring"), or "it" for a pronoun; empty if there is none.
+        place: Place after the relation ("table", "ring"), or "it" for a pronoun. Empty if there is none.
         position: Word that tells which hole is meant ("left"), or a part of the target ("ring").
     """
 
@@ -117,7 +117,7 @@ class Reader:
                 yield Mention(at, end, self._meant(at, noun), number)
 
     def _number(self, at: int, end: int) -> int:
-        """Return the stated number of objects; 2 for a plural without a number; 0 if no number is stated."""
+        """Return the stated number of objects. Without a number, return 2 for a plural and 0 otherwise."""
         said = number_before(self.raw, at)
         if said:
             return NUMBERS[said]

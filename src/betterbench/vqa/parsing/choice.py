@@ -77,7 +77,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
 
 
 def _wrapped(text: str) -> list[str]:
-    """Return the contents of markup in which models put the final answer (such as a box), the last one first."""
+    """Return the contents of markup (such as a box) that models put around the final answer, the last one first."""
     inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
     for part in (text, *reversed(_FENCE.findall(text))):
         if part.lstrip().startswith("{"):

@@ -92,7 +92,7 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield the question of whether an object is at a certain side of another object.
+    """Yield the question of whether an object is on a certain side of another object.
 
     The sides are defined by the front of this other object.
     """
