@@ -1,4 +1,4 @@
-"""Casts: scenarios in which an asset has been chosen for each described object."""
+"""Casts: scenarios with an asset chosen for each described object."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -167,7 +167,7 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
-    """Return a scenario whose groups begin with the objects that a sentence names, in the order of the sentence.
+    """Reorder the groups of a scenario, so that they begin with the objects of a sentence in the order of the sentence.
 
     The first training condition is then about the objects that are named first. A top bun is not moved forward, because
     it must stay the last layer.
@@ -336,7 +336,7 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], p
 
 @functools.cache
 def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
-    """Return the kinds of objects to which each noun may refer, with the group of each kind.
+    """Return the kinds of objects that each noun may refer to, with the group of each kind.
 
     If a noun is the usual noun of one category and a secondary noun of another category, it refers to the former.
     """

@@ -49,7 +49,7 @@ Vocabulary = Literal["library", "open"]
 
 @dataclass(frozen=True, slots=True)
 class GenerateSettings:
-    """Settings from which scenarios are generated.
+    """Settings for generating scenarios.
 
     Attributes:
         target: Name of a template, or a sentence.
@@ -58,7 +58,7 @@ class GenerateSettings:
         seed: Seed of the offline author.
         tries: Maximum number of model answers per scenario.
         vocabulary: Objects that a model may use.
-        replay: File of stored exchanges, whose answers replace the model.
+        replay: File of stored exchanges. Its answers are used instead of a model.
         key_variable: Environment variable with the API key of the endpoint.
     """
 
@@ -106,7 +106,7 @@ class Generated:
         template: Name of the template of all scenarios.
         scenarios: Scenarios by number, counted from 1.
         files: File of each scenario, by number.
-        refused: Scenarios for which the model gave no valid answer.
+        refused: Scenarios that could not be written, because the model gave no valid answer.
         reworded: Reason why a given sentence is not used as the instruction. Empty if it is used, or if a model wrote
             the scenarios.
     """
@@ -197,7 +197,7 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
 
 
 def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -> None:
-    """Write the settings from which a folder is generated.
+    """Write the settings used to generate a folder.
 
     Without ``overwrite``, a folder that has other settings or more scenarios is rejected.
     """
@@ -219,7 +219,7 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
 
 
 def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, changed: Collection[str] = ()) -> None:
-    """Write a file with the settings from which the content of a folder is generated.
+    """Write a file with the settings used to generate the content of a folder.
 
     Args:
         out: Folder.

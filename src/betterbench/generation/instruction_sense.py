@@ -53,7 +53,7 @@ Found = tuple[str, str, str]
 
 
 def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
-    """Yield the problems of an instruction, each with the path of the field and a remedy.
+    """Yield the problems of an instruction, with the path of the field and a remedy for each problem.
 
     The rules for nouns are conservative. A known noun, and the last word of a phrase with an article, must occur in the
     description, query, name or tags of an object. The instruction may also name places ("the desk"), occasions ("the

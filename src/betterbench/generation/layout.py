@@ -22,7 +22,7 @@ class Table:
     All slots are reachable, and visible with the margins of docs/framing.md.
 
     Attributes:
-        starts: Slots from which objects are picked. The slots of several layouts are listed one after the other.
+        starts: Slots that objects are picked from. The slots of several layouts are listed one after the other.
         stands: Slots for the target.
         besides: Slots for objects that are not moved.
     """

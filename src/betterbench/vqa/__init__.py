@@ -6,7 +6,7 @@
   answers.
 - ``asking``, ``scoring``, ``blind``, ``llm``: the answers of a model, their scores, and baselines that do not see the
   image.
-- ``knowing``: whether a model knew the right decision in the trials in which the policy failed.
+- ``knowing``: whether a model knew the right decision in the trials where the policy failed.
 """
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of

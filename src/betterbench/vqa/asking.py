@@ -122,7 +122,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of an answer file, which identifies the model and the question set.
+    """First line of an answer file. It identifies the model and the question set.
 
     Attributes:
         model: Name of the model.
@@ -157,12 +157,12 @@ _CURE = "Correct the file if you wrote it, or write the answers to a different f
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of a model to a question set. A question without an answer counts as answered incorrectly.
+    """Answers of a model to a question set. A question without an answer is counted as answered incorrectly.
 
     Attributes:
         head: First line of the answer file.
         answers: Answers by the identifier of the question.
-        changed: Number of the first line whose checksum is wrong, or 0 if all checksums are correct.
+        changed: Number of the first line with a wrong checksum, or 0 if all checksums are correct.
     """
 
     head: AnswersHead
@@ -284,7 +284,7 @@ def ask_all(
         requests: Requests, by identifier.
         model: The model.
         head: First line of the file, with model, set and coordinate convention.
-        file: Answer file, which is continued if it exists.
+        file: Answer file. If it exists, answers are appended to it.
         at_once: Number of requests that are sent at the same time.
         overwrite: Whether to replace a file with other content.
         verb: Subcommand that writes the file, for error messages.
@@ -470,7 +470,7 @@ def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
     """Return the scores of a model for each part of a set and for the whole set.
 
     The parts are the types of questions, the forms of answer within the type "grounding", and the levels of difficulty.
-    Questions whose answer is missing or cannot be parsed count as answered incorrectly.
+    A question is counted as answered incorrectly if its answer is missing or cannot be parsed.
     """
     baselines = {b.name: b for b in asked.baselines}
     found = []

@@ -63,7 +63,9 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 
 
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
-    """Return about ``count`` questions with balanced answers and, as far as possible, equally many of each type.
+    """Return about ``count`` questions with balanced answers.
+
+    If possible, there are equally many questions of each type.
 
     If there are too few questions of a type, the other types get more. The kinds within a type are treated in the same
     way, except that no kind has more questions than all other kinds together. Within a kind, questions are taken from
@@ -119,7 +121,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Divide the questions of a group into rounds, each with one question for each answer.
+    """Divide the questions of a group into rounds. Each round has one question for each answer.
 
     The result is empty if there are too few different answers.
     """

@@ -39,9 +39,9 @@ class Baseline:
         name: Name of the type.
         n: Number of questions.
         blind: Number of correct answers of the classifier.
-        majority: Number of questions whose correct answer is the most frequent answer.
+        majority: Number of questions that are answered correctly by the most frequent answer.
         chance: Expected fraction of correct answers if each question is answered with a random answer from its group.
-            For boxes and points, this is the fraction of questions for which the best constant answer is correct.
+            For boxes and points, this is the fraction of questions that the best constant answer gets right.
     """
 
     name: str

@@ -96,7 +96,7 @@ class DecisiveOptions:
     """Options of a set of questions about decisive moments.
 
     Attributes:
-        cameras: Cameras, which are tried in order until one of them shows the objects of a question.
+        cameras: Cameras to try in order, until one of them shows the objects of a question.
         size: Side of the images [pixel].
         quality: Render quality of the images.
         seed: Seed of the wordings and of the order of options.
@@ -291,7 +291,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question that asks what the next step is, in a condition in which no step is left to do."""
+    """Return the question that asks what the next step is, for a condition where no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None

@@ -92,7 +92,7 @@ class Episode:
         return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
 
     def out_of_place(self, i: int) -> bool:
-        """Return whether an object starts in a slot in which only other kinds of objects stood in training.
+        """Return whether an object starts in a slot where only other kinds of objects stood in training.
 
         This happens if the object was exchanged with another, or if it is a look-alike.
         """
@@ -103,7 +103,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether a different object starts in a slot in which this kind of object stood in training.
+        """Return whether a different object starts in a slot where this kind of object stood in training.
 
         If so, the absence of this kind is hard to notice.
         """

@@ -1,4 +1,4 @@
-"""Descriptions and questions written by a model, which are kept only if the recorded state proves their claims.
+"""Descriptions and questions written by a model. They are kept only if the recorded state proves their claims.
 
 The model gets an image and the names of objects that may be in it. It replies with descriptions and with pairs of a
 question and an answer, each with its claims in a small formal language. A text is kept if every claim can be decided
@@ -299,7 +299,7 @@ _MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:
-    """Return the prompt with which a model is asked about an image."""
+    """Return the prompt that asks a model about an image."""
     names = ", ".join(sorted({*moment.single, *moment.episode.vocabulary}))
     language = "\n".join(f'- "{says}": {meaning}' for says, meaning in CLAIMS.items())
     return (
@@ -313,7 +313,7 @@ def prompt_of(moment: Moment) -> str:
 
 
 def parsed_texts(said: str) -> list[ModelText]:
-    """Return the texts in a model's reply, which may be inside a Markdown code fence.
+    """Return the texts in a model's reply. The reply may be inside a Markdown code fence.
 
     Raises:
         RecordError: If the reply does not have the requested form.

@@ -57,7 +57,7 @@ class TrialKnowledge:
         standing: Relation between the model's knowledge and the policy's action.
         roles: For each role of questions (such as "where") with answers, whether all of its questions were answered
             correctly.
-        deciding: Roles whose answers show whether the model knew the right decision. They depend on the label.
+        deciding: Roles of the questions that show whether the model knew the right decision. They depend on the label.
         chance: Probability of answering all deciding questions correctly without an image. This is the probability of
             guessing them or of inferring them from the wording, whichever is larger.
         task: Name of the task. In files of earlier versions, this field and the next two are empty.
@@ -118,7 +118,7 @@ class LabelKnowledge:
 
     @property
     def knows(self) -> Rate:
-        """Fraction of the trials with answers in which the model knew the right decision."""
+        """Fraction of trials where the model knew the right decision, among the trials with answers."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
@@ -247,7 +247,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """For each role, return the fraction of trials in which all answers can be inferred from the wording alone."""
+    """For each role, return the fraction of trials where all answers can be inferred from the wording alone."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
@@ -262,7 +262,7 @@ def knowledge_path(run: RunFolder) -> Path:
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the folder of the run, where the report finds it, and return the path.
+    """Write a model's knowledge to the folder of the run, so that the report finds it. Return the path.
 
     Raises:
         OSError: If the folder cannot be written.

@@ -41,7 +41,7 @@ class Moment:
 
     @property
     def source(self) -> FrameSource:
-        """Frame of the record to which this moment belongs."""
+        """Frame of the record that this moment belongs to."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)
@@ -104,7 +104,7 @@ class Moment:
         return middle(self.state, name)
 
     def relations_of(self, target: ObjectInfo) -> Iterator[Relation]:
-        """Yield the relations in which an object can be the target of a placement."""
+        """Yield the relations that allow an object to be the target of a placement."""
         return (r for r in RELATIONS.values() if r.carried and r.regions(target))
 
     def place(self, relation: Relation, name: str, target: str) -> str | None:

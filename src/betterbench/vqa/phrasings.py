@@ -252,7 +252,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
 def phrase(candidate: Candidate, *, number: int) -> str:
     """Return the text of a question in one of the wordings of its family.
 
-    The wording is chosen by an index, which is taken modulo the number of wordings.
+    The wording is chosen by an index, modulo the number of wordings.
 
     Raises:
         UnknownNameError: If there is no such family.

@@ -1,4 +1,4 @@
-"""Questions about an image with their answers, as values that can be stored as JSON."""
+"""Questions about an image, with their answers. They can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ class Question:
         group: What the text reveals. Answers are balanced among the questions of a group.
         words: Words that are inserted into the wording.
         chance: Expected fraction of correct answers if the answer is guessed from the text. None for boxes and points,
-            which are compared with the best constant answer of the set.
+            because they are compared with the best constant answer of the set.
         source: Frame of the question.
         box: True box of the object, for a question about a box.
         runs: Visible pixels of the object, for a question about a point.
@@ -238,7 +238,7 @@ def letter(number: int) -> str:
 
 
 def hash_number(*parts: object) -> int:
-    """Return a hash of all parts, which are converted to text, as a number.
+    """Convert all parts to text and return a hash of them as a number.
 
     The number is the same on every machine, and is used to make reproducible choices.
     """

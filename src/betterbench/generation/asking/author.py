@@ -109,7 +109,7 @@ class Request:
         template: Template of the scenario.
         sentence: Sentence of a user that the scenario must match. Empty if there is no sentence.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
-        before: Earlier scenarios, whose sets of objects must not be repeated.
+        before: Earlier scenarios. The new scenario must not repeat the set of objects of any of them.
         context: Required context. Empty if any context is allowed.
     """
 
@@ -180,7 +180,7 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Parse a model's answer, which must be a JSON list with one scenario. A code fence around the list is removed.
+    """Parse a model's answer. It must be a JSON list with one scenario. A code fence around the list is removed.
 
     Raises:
         InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.

@@ -1,7 +1,7 @@
-"""Stored exchanges with a language model, which can be replayed without the model.
+"""Storage of exchanges with a language model, so that they can be replayed without the model.
 
 Each line of ``exchanges.jsonl`` contains the messages, the answer and the verdict of one exchange, and a hash that
-reveals changed lines. A request whose answer is in the file is not sent again, so running the same command again
+reveals changed lines. A request is not sent again if its answer is in the file, so running the same command again
 resumes an interrupted run. In another run, ``--replay`` uses the answers in this file instead of a model.
 """
 
@@ -116,9 +116,9 @@ class KeptChat:
     See :class:`~betterbench.vqa.llm.Chat`.
 
     Args:
-        file: File of the exchanges. A request whose answer is in this file is not sent again.
+        file: File of the exchanges. A request is not sent again if its answer is in this file.
         chat: Connection to the model. If it is None, only stored exchanges are used.
-        kept: Exchanges of another run, by the digest of their messages. Each exchange that is used is copied into the
+        kept: Exchanges from another run, by the digest of their messages. Each exchange that is used is copied into the
             file.
     """
 

@@ -76,7 +76,7 @@ def scenario_messages(
 
     Args:
         template: Template to fill.
-        number: Number of the first scenario, which makes the request unique.
+        number: Number of the first scenario. It makes the request unique.
         count: Number of scenarios to write.
         sentence: Sentence of a user that the scenario must match. Empty if there is no sentence.
         context: Context that the scenario must have. Empty if any context is allowed.

@@ -67,9 +67,9 @@ class Represented:
     Attributes:
         name: Name of the condition in our task ("train1", "O1"), or None if the variation is not represented.
         reasons: Reasons why the variation cannot be represented.
-        left_out: Objects that are in the scene of the release but not in our condition, each with the reason.
+        left_out: Objects that are in the scene of the release but not in our condition, with the reason for each.
         predicates: Predicates of the release that have no counterpart among our relations.
-        base: Training condition from which a test variation is derived.
+        base: Training condition that a test variation is derived from.
         operations: Operations on that training condition, described as text.
     """
 
@@ -445,7 +445,7 @@ def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operatio
 def _arrange(
     now: Callable[[], Condition], wanted: Condition, slots: Mapping[str, Slot], do: Callable[[Operation], None]
 ) -> None:
-    """Move objects to the slots in which they are wanted. If none of these slots is free, exchange two objects."""
+    """Move objects to the slots where they are wanted. If none of these slots is free, exchange two objects."""
     while True:
         state = now()
         astray = [n for n, s in state.layout.items() if n in wanted.layout and wanted.layout[n] != s]

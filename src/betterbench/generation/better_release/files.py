@@ -252,7 +252,7 @@ class TemplateSlot:
 class ReleaseTemplate:
     """Content of a file in the folder ``task_templates``.
 
-    The published templates contain ``on`` without quotes, which YAML 1.1 parses as the boolean true. The audit reports
+    The published templates contain ``on`` without quotes. YAML 1.1 parses this as the boolean true. The audit reports
     relations that were parsed as booleans.
     """
 
@@ -284,7 +284,7 @@ class ReleaseTask:
     Attributes:
         folder: Folder of the task.
         task: Content of ``task.yaml``.
-        base: Base variation, which all other variations extend.
+        base: Base variation. All other variations extend it.
         variations: The other variations by id, sorted.
         instances: Objects by id, in the order of the file.
         groups: Ids of the container, goal, fail and decor objects in ``object_universe.yaml``.

@@ -42,7 +42,7 @@ class Match:
         how: Origin of the match. "name": the noun of the object is the category. "search": the category was found by
             words or meaning. "class": the category only belongs to the same class as the object. "given": the user
             named the category.
-        asset: First variant of the category, from which sizes and regions are read.
+        asset: First variant of the category. Sizes and regions are read from this asset.
         is_stand_in: Whether the noun of the object differs from the category, so that the asset may look like another
             object.
     """
@@ -177,7 +177,7 @@ def _found(
 def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
-    """Return a factor in (0, 1] by which the search score of an asset is multiplied.
+    """Return a factor in (0, 1] for the search score of an asset.
 
     It is below 1 if the noun or the color differs from that of the object, or if the category is already in use.
     """

@@ -116,8 +116,8 @@ class LeftBehind:
     """Object that a variation replaces by another object but does not remove.
 
     Attributes:
-        name: Replaced object, which no longer belongs to a group.
-        by: Replacement, which is not in the training variations.
+        name: Object that was replaced. It no longer belongs to a group.
+        by: New object that replaces it. It is not in the training variations.
         distance_m: Distance between the initial positions of the two objects [m].
     """
 

@@ -49,14 +49,14 @@ _CHANGES_MEANING = frozenset(_LIMITING.split())
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """Noun in an instruction, with the objects to which it can refer.
+    """Noun in an instruction, with the objects that it can refer to.
 
     Attributes:
         text: The noun in the singular ("juice box", "fruit").
-        objects: Objects of the task to which the noun can refer, whether or not they are in the scene.
+        objects: Objects of the task that the noun can refer to, whether or not they are in the scene.
         every: Whether the noun refers to all of these objects, as in "the fruits". If not, it refers to at least one.
         is_class: Whether the noun is a class of objects ("fruit").
-        is_target: Whether the noun follows a preposition, as the container does.
+        is_target: Whether the noun follows a preposition, as in "into the lunchbox".
     """
 
     text: str
@@ -177,7 +177,7 @@ class Lexicon:
 
 @functools.cache
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
-    """Return the classes to which a noun belongs according to the word list ("fruit" for "banana"), sorted."""
+    """Return the sorted classes of a noun according to the word list ("fruit" for "banana")."""
     return tuple(sorted(phrase for phrase, others in word_list().items() if noun in dict(others) and phrase != noun))
 
 

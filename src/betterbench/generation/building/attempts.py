@@ -38,9 +38,9 @@ class _Change:
 
     Attributes:
         words: Description of the change.
-        slots: Seed from which the slots are drawn.
+        slots: Seed for drawing the slots.
         assets: Index of the choice of assets, starting at 0. Each choice uses different assets.
-        demonstrations: Factor by which the number of demonstrations is multiplied.
+        demonstrations: Factor for the number of demonstrations.
     """
 
     words: str
@@ -65,7 +65,7 @@ class Built:
     """Result of all attempts to build a task from a scenario.
 
     Attributes:
-        scenario: Scenario from which the task was to be built.
+        scenario: Scenario that the task should be built from.
         task_id: Identifier of the task.
         made: Task of the successful attempt. None if every attempt failed.
         proof: Demonstrations and certificates of the task. None if every attempt failed.

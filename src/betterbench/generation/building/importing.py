@@ -31,7 +31,7 @@ class ImportedMeshes:
 
     Attributes:
         names: Categories of the imported assets.
-        refused: Catalogue rows that match a description but cannot be used, each with the reason.
+        refused: Catalogue rows that match a description but cannot be used, with the reason for each.
     """
 
     names: tuple[str, ...] = ()
@@ -74,7 +74,7 @@ def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Cata
 
 
 def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[DescribedObject]:
-    """Yield the distinct descriptions for which the library has no suitable object."""
+    """Yield the distinct descriptions that match no suitable object in the library."""
     asked: set[tuple[str, str]] = set()
     for scenario in scenarios:
         template = TEMPLATES[scenario.template]

@@ -56,7 +56,7 @@ def _distractor(entry: CatalogueEntry) -> ObjectSpec:
 
 
 def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
-    """Return the catalogue rows whose assets fit into the gripper, by category.
+    """Return the catalogue rows of assets that fit into the gripper, by category.
 
     Categories that are already present in the scenario are left out.
     """

@@ -94,7 +94,7 @@ def _noun(choice: Choice) -> str:
 
 
 def noun_of(entry: CatalogueEntry) -> str:
-    """Return the noun by which instructions refer to an asset.
+    """Return the noun that instructions use for an asset.
 
     This is the tag that consists of the same words as the name of the asset. If there is none, it is the first tag.
     """

@@ -30,8 +30,8 @@ class Wanted:
     """Object that the user names in a sentence.
 
     Attributes:
-        group_id: Object group of the template to which it belongs.
-        kinds: Kinds (category and color) of library objects to which the noun may refer.
+        group_id: Object group of the template that the object belongs to.
+        kinds: Kinds (category and color) of library objects that the noun may refer to.
         noun: Noun used by the user, with its color.
     """
 

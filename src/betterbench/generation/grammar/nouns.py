@@ -108,7 +108,7 @@ def phrase_of(category: str, color: str) -> Phrase:
 
 
 def short_name(category: str, color: str, *, colored: bool = True) -> str:
-    """Return the noun by which instructions refer to an object ("blue lunchbox").
+    """Return the noun that instructions use for an object ("blue lunchbox").
 
     The noun includes the color if the category has several colors.
     """

@@ -57,10 +57,10 @@ class Group:
     """Objects that a theme provides for an object group of the template.
 
     Attributes:
-        pools: Pools from which the objects are drawn.
+        pools: Pools that the objects are drawn from.
         colors_differ: Whether all objects must have different colors. Otherwise, it is enough that no two are
             identical.
-        follows: Group whose color the objects must have. Drawers, for example, have the color of the cabinet.
+        follows: Group with the color that the objects must have. Drawers, for example, have the color of the cabinet.
     """
 
     pools: tuple[Pool, ...]
@@ -120,7 +120,7 @@ class Theme:
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """Themes of a template, from which the offline author writes scenarios.
+    """Themes of a template. The offline author uses them to write scenarios.
 
     Attributes:
         template: Template that the scenarios fill.

@@ -59,7 +59,7 @@ class GrowSettings:
     """Settings for growing a suite.
 
     Attributes:
-        until: Number of certified tasks at which the growth stops.
+        until: Number of certified tasks. The growth stops when the suite has this number of tasks.
         author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
         build: Number of seeds to certify, and number of demonstrations.
         quotas: Minimum and maximum amounts that the suite must have.
@@ -81,7 +81,7 @@ class GrowSettings:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Names of the templates from which scenarios are drawn."""
+        """Names of the templates that scenarios are drawn from."""
         return (self.author.target,) if self.author.target else tuple(TEMPLATES)
 
     @property
@@ -177,7 +177,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Supply of scenarios by a model, which is assumed to be unlimited."""
+    """Supply of scenarios from a model. It is assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates
@@ -208,7 +208,7 @@ def grow_suite(
         chat: Model to ask instead of the model in the settings.
         overwrite: Whether a folder with other settings may be used.
         on_progress: Called after every proposal and every result.
-        on_round: Called after every round with the outcome so far, which does not contain a suite yet.
+        on_round: Called after every round with the outcome so far. This outcome does not contain a suite yet.
 
     Raises:
         InvalidInputError: If the file to replay contains no exchange, or a stored result is damaged.

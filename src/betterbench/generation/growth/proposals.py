@@ -33,7 +33,7 @@ class Proposal:
 
     Attributes:
         number: Number of the proposal, counted from 1.
-        round: Number of the round in which the scenario was proposed, counted from 1.
+        round: Round that proposed the scenario, counted from 1.
         template: Requested template.
         context: Requested context. Empty if any context was allowed.
         outcome: "drawn" if the scenario is built, otherwise the category of the problem.

@@ -194,7 +194,7 @@ class Supply(Protocol):
 
     @property
     def templates(self) -> Sequence[str]:
-        """Names of the templates for which the author writes scenarios."""
+        """Names of the templates that the author can use."""
 
     def contexts(self) -> Collection[str] | None:
         """Return the contexts of the scenarios, or None if any context is possible."""
@@ -246,7 +246,7 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check that the minimums of a property's values, and likewise their maximums, can be met together.
+    """Check that the minimums of all values of a property can be met together, and the maximums as well.
 
     A task or variation has only one value of the property, so the amounts of the values add up.
     """

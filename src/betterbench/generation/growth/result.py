@@ -76,7 +76,7 @@ class Growth:
         refused: Results of the scenarios that could not be certified.
         proposals: All proposals. Those whose outcome is not "drawn" were not built.
         quotas: All quotas, and how much of each is fulfilled.
-        goals: Number of different goals for which the author has scenarios, or None if it is not known.
+        goals: Number of different goals in the author's scenarios, or None if it is not known.
         near_duplicates: Number of scenarios that were left out because they are near-duplicates.
         known_goals: Number of goals that were left out because a task in another suite has them.
         suite: Folder of the suite. None if no task was accepted.

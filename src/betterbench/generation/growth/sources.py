@@ -31,7 +31,7 @@ PATIENCE = 5
 
 
 class Cell(NamedTuple):
-    """Template and context for which a scenario is requested. If the context is empty, any context is allowed."""
+    """Template and context of a requested scenario. If the context is empty, any context is allowed."""
 
     template: str
     context: str
@@ -62,7 +62,7 @@ class Source(Protocol):
 
     @property
     def templates(self) -> Sequence[str]:
-        """Names of the templates for which the author writes scenarios."""
+        """Names of the templates that the author can use."""
 
     def contexts(self) -> Collection[str] | None:
         """Return the contexts of the scenarios, or None if any context is possible."""
@@ -84,7 +84,7 @@ class OfflineSource:
     """Author that uses the grammar. Each goal is used only once. Goals with the least-used categories come first.
 
     Args:
-        templates: Names of the templates for which scenarios are proposed.
+        templates: Names of the templates that the author uses.
         seed: Seed of all draws.
         distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
             categories and colors ("colors").
@@ -113,7 +113,7 @@ class OfflineSource:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Names of the templates for which scenarios are proposed."""
+        """Names of the templates that the author uses."""
         return self._templates
 
     def contexts(self) -> tuple[str, ...]:
@@ -183,7 +183,7 @@ class ModelSource:
     """Author that uses a language model.
 
     Args:
-        templates: Names of the templates for which scenarios are proposed.
+        templates: Names of the templates that the author uses.
         chat: Model with its stored exchanges.
         catalogue: Catalogue that is searched for the assets of a scenario, to detect near-duplicates.
         contexts: Contexts that may be requested. A request may also leave the context to the model.
@@ -214,7 +214,7 @@ class ModelSource:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Names of the templates for which scenarios are proposed."""
+        """Names of the templates that the author uses."""
         return self._templates
 
     def contexts(self) -> None:

@@ -137,7 +137,7 @@ class Steering:
     Args:
         quotas: Quotas that the suite must fulfill.
         until: Requested number of tasks.
-        templates: Names of the templates for which the author writes scenarios.
+        templates: Names of the templates that the author can use.
     """
 
     def __init__(self, quotas: Sequence[Quota], until: int, templates: Sequence[str]) -> None:
@@ -163,8 +163,8 @@ class Steering:
         property, only values of this property that still lack tasks are chosen.
 
         Args:
-            cells: Templates and contexts for which the author has a new scenario.
-            pending: Templates and contexts of the scenarios that are being built, each of which counts as a task.
+            cells: Templates and contexts that the author has a new scenario for.
+            pending: Templates and contexts of the scenarios that are being built. Each scenario counts as one task.
         """
         tally = self._tally.copy()
         for cell in pending:

@@ -150,8 +150,8 @@ class _Positioning:
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
         """Return the training condition that serves as the twin of a variation.
 
-        It is the first training condition with the same layout whose instruction requests another item, so that
-        repeating its motion does not solve the variation.
+        This is the first training condition that has the same layout but an instruction for another item. Repeating the
+        motion of the twin therefore does not solve the variation.
         """
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
@@ -233,8 +233,8 @@ def _require_fit(item: a.ObjectSpec, fixture: a.ObjectSpec) -> None:
     """Check that every variant of an item fits on the ring of every variant of the fixture while the gripper holds it.
 
     Raises:
-        InvalidInputError: If the fixture has no ring, or the item is too wide, too high, or held in such a way that the
-            gripper would touch the head of the fixture.
+        InvalidInputError: If the fixture has no ring, if the item is too wide or too high, or if the gripper would
+            touch the head of the fixture while it holds the item.
     """
     require_grasp(item)
     require_footprint(item, LONGEST_M, "A slot")

@@ -218,7 +218,7 @@ class _Loading:
 
 
 def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectSpec]:
-    """Return the upper and the lower drawer, each with its mount.
+    """Return the upper and the lower drawer with their mounts.
 
     Raises:
         InvalidInputError: If the cast does not have one drawer for each mount of the cabinet, or a drawer does not

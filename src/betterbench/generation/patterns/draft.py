@@ -26,7 +26,7 @@ LEAST_VARIATIONS, LEAST_AXES = 4, 3
 
 @dataclass
 class Draft:
-    """Task under construction, which :meth:`finish` checks and completes.
+    """Task under construction. :meth:`finish` checks and completes it.
 
     Attributes:
         training: Training conditions. They get the names train1, train2 and so on.
@@ -199,7 +199,7 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Build a task from each choice in turn, and return the first one in which the objects have enough room.
+    """Build a task from each choice in turn, and return the first one where the objects have enough room.
 
     Raises:
         InvalidInputError: If no choice leaves enough room. The error of the last choice is raised.

@@ -183,7 +183,7 @@ class _Insertion:
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
     """Return the items in the order of their holes.
 
-    Items for which the instruction states no hole get the remaining holes.
+    Items without a hole in the instruction get the remaining holes.
     """
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])

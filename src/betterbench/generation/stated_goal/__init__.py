@@ -3,14 +3,14 @@
 It also finds the parts of this goal that the template does not support.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
-:func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, from which the patterns take
+:func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, where the patterns look up
 sides, drawers, holes and plates. Each unsupported part is reported as a problem together with its words. Every accepted
 instruction therefore states exactly the goal of the task.
 
 - ``relations``: the vocabulary.
 - ``reading``: nouns with the objects they refer to, and relations between them.
-- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, which no pattern
-  supports.
+- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses. No pattern supports
+  them.
 """
 
 from __future__ import annotations
@@ -46,8 +46,7 @@ class StatedGoal:
     """Goal that an instruction states, limited to the parts that tasks of the template support.
 
     Attributes:
-        regions: Side, drawer ("upper") or hole ("hole_1") to which each item goes, by the ``instance_name`` of the
-            item.
+        regions: Side, drawer ("upper") or hole ("hole_1") that each item goes to, by the item's ``instance_name``.
         onto: Pairs of an upper and a lower plate, by ``instance_name``.
         problems: Words of unsupported parts, with the reason.
     """
@@ -58,7 +57,7 @@ class StatedGoal:
 
     @property
     def placed(self) -> frozenset[str]:
-        """Names of the objects for which the instruction states a target region."""
+        """Names of the objects with a target region in the instruction."""
         return frozenset(self.regions) | frozenset(name for pair in self.onto for name in pair)
 
     @property

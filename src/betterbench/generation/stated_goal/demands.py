@@ -36,7 +36,7 @@ _UNLESS_DESCRIBED = (
 
 
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words whose meaning the goal of a task cannot express, each with the reason.
+    """Yield the words with a meaning that the goal of a task cannot express, and the reason for each.
 
     Such words state a negation, a choice, an order, a pose, or a number that does not count objects.
     """

@@ -166,7 +166,7 @@ _RULES = {
 def read_goal(r: Reader) -> tuple[dict[str, str], tuple[tuple[str, str], ...], list[tuple[str, str]]]:
     """Return the stated goal: the target regions of items, and the pairs of plates.
 
-    Also return the unsupported relations, each with the reason.
+    Also return the unsupported relations, with the reason for each.
     """
     regions: dict[str, str] = {}
     onto: list[tuple[str, str]] = []

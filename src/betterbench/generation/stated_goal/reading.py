@@ -1,4 +1,4 @@
-"""Parser of instructions. It finds the objects to which the nouns refer, and the relations between them."""
+"""Parser of instructions. It finds the objects that the nouns refer to, and the relations between these objects."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Mention:
     Attributes:
         at: Index of the noun's first token.
         end: Index after the noun's last token.
-        objects: Names of the objects to which the noun may refer.
+        objects: Names of the objects that the noun may refer to.
         number: Stated number of objects. If no number is stated, 2 for a plural and 0 for a singular.
     """
 
@@ -76,11 +76,11 @@ class Said:
 
 
 class Reader:
-    """Parsed words of an instruction, with the objects to which they refer.
+    """Parsed words of an instruction, with the objects that they refer to.
 
     Attributes:
         objects: Objects of the scenario by name. ``role_of`` contains the role of each object.
-        surfaces: Words for the surface on which all objects stand, such as the table.
+        surfaces: Words for the surface that all objects stand on, such as the table.
         raw: Words in lower case. ``tokens`` are the same words in the singular.
         mentions: Nouns by the index of their first token. ``taken`` contains the indices of all tokens that belong to
             nouns.
@@ -126,8 +126,8 @@ class Reader:
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the objects that a noun may mean.
 
-        Objects with this name come first. Only if there are none, objects whose description contains the noun are
-        returned.
+        If objects with this name exist, only these are returned. Otherwise, all objects with the noun in their
+        description are returned.
         """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
@@ -148,7 +148,7 @@ class Reader:
         return tuple(found)
 
     def _members(self, noun: str) -> list[str]:
-        """Return the items to which a collective noun refers, such as the jars for "spices"."""
+        """Return the items that a collective noun refers to, such as the jars for "spices"."""
         members = collective(noun)
         items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
@@ -161,7 +161,10 @@ class Reader:
         return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
 
     def relations(self) -> Iterator[Said]:
-        """Yield the relations in the instruction, each with the preceding nouns that belong to no earlier relation."""
+        """Yield the relations in the instruction.
+
+        Each relation comes with the nouns before it that belong to no earlier relation.
+        """
         pending: list[Mention] = []
         at = 0
         while at < len(self.tokens):

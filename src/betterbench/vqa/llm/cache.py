@@ -41,7 +41,7 @@ class ReplyCache:
         self._lock, self._is_off = threading.Lock(), False
 
     def key(self, address: str, body: bytes) -> str:
-        """Return the key of a request, which is the SHA-256 of the address and of the complete body of the request.
+        """Return the key of a request: the SHA-256 of its address and its complete body.
 
         The body contains the model, the prompt, the bytes of the images as they are sent, the sampling settings and the
         processor arguments. Requests with the same key are therefore identical.

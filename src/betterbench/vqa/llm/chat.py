@@ -1,7 +1,6 @@
 """Client for ``POST URL/chat/completions``, an interface that vLLM, SGLang, llama.cpp, Ollama and OpenAI offer.
 
-The client needs only the standard library. Many threads can send requests at the same time, each on a connection of its
-own.
+The client needs only the standard library. Many threads can send requests at the same time, each on its own connection.
 """
 
 from __future__ import annotations
@@ -238,7 +237,10 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Model whose answer is a function of the messages, for tests and for models in the caller's own process."""
+    """Model that calls a function to answer messages.
+
+    It is used for tests and for models in the caller's own process.
+    """
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
@@ -290,7 +292,7 @@ def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
-    """Return the text of an answer, which some servers send in parts.
+    """Return the text of an answer. Some servers send it in parts.
 
     Raises:
         TypeError: If the content is not text.

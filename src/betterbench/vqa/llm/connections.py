@@ -1,4 +1,4 @@
-"""Connections from one process to an HTTP server, which are kept open between requests."""
+"""Connections from one process to an HTTP server. They are kept open between requests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 
 class Connections:
-    """Connections to one server, which several threads can use at the same time.
+    """Connections to one server. Several threads can use them at the same time.
 
     Connections stay open between requests only inside the context :meth:`kept`.
     """

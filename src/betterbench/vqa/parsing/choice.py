@@ -1,4 +1,4 @@
-"""Parser for multiple-choice answers, which may be given by the letter or the words of an option."""
+"""Parser for multiple-choice answers. An answer may be the letter or the words of an option."""
 
 from __future__ import annotations
 

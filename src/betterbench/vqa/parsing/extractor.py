@@ -1,4 +1,4 @@
-"""Extraction of an answer by a language model, which may only copy parts of the text.
+"""Extraction of an answer by a language model. The model may only copy parts of the text.
 
 The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
 answer, so that it cannot answer the question itself. Each part that it copies must occur in the text word for word, and

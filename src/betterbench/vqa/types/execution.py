@@ -53,7 +53,7 @@ def _doing(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
-    """Return the objects that show how far an instruction has been carried out, or None if an image does not show this.
+    """Return the objects that show the progress in an instruction, or None if an image does not show it.
 
     All objects and targets of the steps must be clearly visible, and an unfinished step must not look finished. For
     example, an object at its target that is still in the gripper or moving would look finished.

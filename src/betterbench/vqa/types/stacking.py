@@ -36,7 +36,7 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return the objects on which others can be stacked: the bases of layered stacks, and all plates."""
+    """Return the objects that others can be stacked on: the bases of layered stacks, and all plates."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 
