@@ -1,6 +1,6 @@
 """Scenarios for a user's sentence, without a language model.
 
-The words of the sentence determine the template, and its nouns determine the objects.
+The words in the sentence determine the template, and its nouns determine the objects.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def checked_sentence(sentence: str) -> str:
 
 
 def choose_template(sentence: str) -> str:
-    """Return the name of the template that the words of a sentence indicate.
+    """Return the name of the template that best matches the words of a sentence.
 
     Raises:
         InvalidInputError: If no template or several templates fit. The message names the closest templates.
@@ -236,7 +236,7 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects named in a sentence, each with the kinds of library objects that its noun may mean.
+    """Return the objects named in a sentence, with the kinds of library objects that each noun may mean.
 
     Raises:
         InvalidInputError: If the library has no such object for the template, or has it only in other colors.

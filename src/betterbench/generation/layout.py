@@ -53,7 +53,7 @@ def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
 
 
 def _gap_m(a: ObjectSpec, at: Slot, b: ObjectSpec, there: Slot) -> float:
-    """Return the smallest distance that two objects may have when their slots are jittered [m].
+    """Return the smallest possible distance between two objects when their slots are jittered [m].
 
     The distance is negative if the objects may overlap.
     """
@@ -74,7 +74,7 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
     """Return the center of the shape that represents an object in a slot, in the world frame [m].
 
-    It is the center of the bounding box for a rectangle, and the origin of the object for a circle.
+    This is the center of the bounding box for a rectangle, and the origin of the object for a circle.
     """
     if not _is_rectangle(spec):
         return slot.x, slot.y

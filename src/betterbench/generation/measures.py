@@ -140,7 +140,7 @@ def _all_looks(category: str) -> tuple[Asset, ...]:
 
 
 def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
-    """Create the InvalidInputError that says why an object cannot be used in a task."""
+    """Create an InvalidInputError that explains why an object cannot be used in a task."""
     return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
 
 
@@ -195,7 +195,7 @@ def require_usable(objects: Iterable[ObjectSpec]) -> None:
 
 
 def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
-    """Check that no variant of an object is too long for the place where it is put.
+    """Check that no variant of an object is too long for the place where the object is put.
 
     Raises:
         InvalidInputError: If a variant is longer than ``most_m``.
@@ -206,7 +206,7 @@ def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
 
 
 def foot_of(asset: Asset) -> tuple[float, float]:
-    """Return x and y of the center of an asset's base, in the frame of the asset [m]."""
+    """Return the x and y coordinates of the center of an asset's base, in the frame of the asset [m]."""
     for region in asset.regions:
         if region.name == "base":
             return region.position[0], region.position[1]
@@ -277,7 +277,7 @@ def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
 
 @functools.lru_cache(maxsize=4096)
 def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
-    """Return the maximum height of an asset's collision shape, between two distances from its vertical axis [m]."""
+    """Return the maximum height of a collision shape within a range of distances from the asset's vertical axis [m]."""
     points = (point for part in asset.collision for point in _surface(part))
     return max((z for x, y, z in points if near_m <= math.hypot(x, y) <= far_m), default=0.0)
 

@@ -53,7 +53,7 @@ def sentence_tokens(text: str) -> list[str]:
 
 
 def is_plural_form(word: str) -> bool:
-    """Return whether a noun is a plural that means several objects, such as "mugs" and "mice" but not "fries"."""
+    """Return whether a noun is a plural for several objects, such as "mugs" and "mice" but not "fries"."""
     one = singular(word)
     return word != one and (word.endswith("s") or word in ("mice", "dice")) and one not in _PLURAL_ONLY
 
@@ -75,7 +75,7 @@ def number_before(raw: list[str], at: int) -> str:
 def words_of_object(described: DescribedObject) -> frozenset[str]:
     """Return the words that may name an object.
 
-    They come from its query, name and tags, and from its description up to the word "with".
+    They are taken from its query, its name, its tags, and the part of its description before the word "with".
     """
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")

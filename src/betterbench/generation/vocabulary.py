@@ -1,8 +1,8 @@
 """Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
 It is used to check scenarios that a model wrote: whether each object belongs to its group, and whether the instruction
-names a missing object. The vocabulary is deliberately small. If the noun of an object is unknown, the object is
-accepted in a group if one of its tags names an allowed type.
+names a missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in a group if
+one of its tags names an allowed type.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ def collective(noun: str) -> frozenset[tuple[str, ...]]:
 
 
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """Return the known nouns in a list of words, each with the index of its first word.
+    """Return the known nouns in a list of words, with the index of the first word of each noun.
 
-    Longer matches are preferred.
+    Longer nouns are preferred.
     """
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
@@ -197,8 +197,7 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    The object is judged from a known noun in its description. If there is none, one of its tags must name an allowed
-    type.
+    This is decided by a known noun in its description. If there is none, one of its tags must name an allowed type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))

@@ -22,7 +22,7 @@ def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
 
 
 def words_and_noun(items: Iterable[ObjectSpec]) -> tuple[dict[str, str], str | None]:
-    """Return the distinguishing word of each item by the item's name, and the noun that all items share.
+    """Return a distinguishing word for each item, by the name of the item, and the noun that all items share.
 
     For the kinds "red mug" and "blue mug", the words are "red" and "blue" and the noun is "mug". If there is no common
     noun, each word is the complete kind, and the noun is None.

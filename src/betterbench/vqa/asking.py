@@ -1,4 +1,4 @@
-"""Requests to a model, and scores of its answers by type of question.
+"""Functions that send questions to a model and score its answers by type of question.
 
 :func:`ask_all` is the only function that sends requests to a vision-language model. ``better vqa --ask``, ``better
 vlm`` and the extractor of ``better vlm`` use it, and all of them write answer files in the same format.
@@ -208,7 +208,7 @@ class Score:
 
 
 class _AnswerFile(LineJournal):
-    """File to which answers are appended as they arrive. Each line has a checksum."""
+    """Append-only file of answers. Each line has a checksum."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
@@ -230,7 +230,7 @@ class _AnswerFile(LineJournal):
     def append(self, answer: ModelAnswer) -> None:
         """Append an answer to the file.
 
-        Answers that arrive within one second of each other are flushed to disk together.
+        Answers are flushed to disk together if they arrive within one second.
         """
         self._append_line(_sealed(self.head, answer), within_s=_SYNC_WITHIN_S)
         self.known[answer.id] = answer
@@ -322,7 +322,7 @@ def ask_all(
 def is_answers(file: Path) -> bool:
     """Return whether a file looks like an answer file. The result is False if the file is missing.
 
-    If a process was killed while it wrote the first line, the incomplete line is recognized by its beginning.
+    If a process was killed while writing the first line, the incomplete line is recognized by its beginning.
 
     Raises:
         OSError: If the file cannot be read.
@@ -338,7 +338,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether new answers can be appended to a file, because it has the same first line or is empty."""
+    """Return whether new answers can be appended to a file. It must be empty or have the same first line."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 

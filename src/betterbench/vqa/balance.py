@@ -3,9 +3,9 @@
 Questions belong to the same group if their wording gives the same information, i.e. if they have the same family and
 are about the same objects. Within a group, every answer that is kept occurs equally often. Therefore, no rule that uses
 only the text is better than guessing. A group with only one answer is left out, because it could be answered without
-the image. Boxes and points are balanced over cells of the image. As far as possible, all types of questions have the
-same number of questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type
-together. Questions are selected by hashes of their text and frame, never by their answer.
+the image. Boxes and points are balanced over cells of the image. If possible, all types have the same number of
+questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type together.
+Questions are selected by hashes of their text and frame, never by their answer.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Chosen:
     Attributes:
         candidate: The question.
         answers: Answers that are kept in the group, sorted.
-        turn: Index of the question among the questions of the group with the same answer. Cross-validation keeps
+        turn: Index of the question among those questions of its group that have the same answer. Cross-validation keeps
             questions with the same turn together, so that each fold is as balanced as the whole set.
     """
 

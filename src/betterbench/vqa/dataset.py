@@ -116,7 +116,7 @@ class PhotoSource(Protocol):
         """Return the image from a camera at a row of a record, with the objects that are visible in it."""
 
     def stop(self) -> None:
-        """Stop all rendering threads soon, by raising an error in each of them."""
+        """Make all rendering threads stop soon by raising an error in each of them."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -176,7 +176,7 @@ class QuestionSet:
         purpose: "test" if the records have evaluation seeds, so that the set must not be used for training. Otherwise
             "training".
         questions: The questions.
-        baselines: Number of questions that are answered correctly without the images, by type.
+        baselines: Number of questions of each type that are answered correctly without the images.
         sha256: SHA-256 of ``questions.jsonl``.
         records: SHA-256 of the record of each trial that was used, by trial name. Empty for older sets.
         images: SHA-256 of each image, by path. Empty for older sets.
@@ -304,7 +304,7 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
-    """Return the purpose for which questions may be used: "test" or "training", depending on the seeds of the trials.
+    """Return what the questions may be used for: "test" or "training", depending on the seeds of the trials.
 
     Raises:
         InvalidInputError: If the trials mix seeds of demonstrations and of evaluation.
@@ -440,8 +440,8 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 def _question(chosen: Chosen, options: SetOptions) -> Question:
     """Complete a selected question with its text and options.
 
-    All questions of a group that have the same turn get the same phrasing. Each answer occurs once among these
-    questions, so that the phrasing does not reveal the answer.
+    Questions with the same group and the same turn get the same phrasing. Each answer occurs once among them, so the
+    phrasing does not reveal the answer.
     """
     candidate, answers = chosen.candidate, chosen.answers
     spatial = candidate.form in (Form.BOX, Form.POINT)

@@ -186,7 +186,7 @@ def _read(file: Path) -> list[Question]:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Draft of a question, with its type, role, options, and the moment that it is about."""
+    """Draft of a question, with its type, its role, its options, and its moment in the trial."""
 
     draft: QuestionDraft
     type: QuestionType
@@ -237,12 +237,12 @@ def _first(found: Iterator[_Asked | None]) -> _Asked | None:
 def decisive_rows(
     episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
 ) -> tuple[tuple[int, int] | None, int]:
-    """Return the row of a trial's decisive attempt, and the row at which the policy began to decide on it.
+    """Return the row of a trial's decisive attempt, and the row where the policy began to decide.
 
     Returns:
         The row and the object index of the decisive attempt, or None if no object was attempted. The second value is
-        the row at which the decision began. This is the start of the trial, or the row at which the gripper had left
-        the previous object.
+        the row where the decision began. This is the start of the trial, or the row where the gripper had left the
+        previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -396,6 +396,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the correct option among the options of a question in its first wording."""
+    """Return the index of the correct option in the first wording of a question."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

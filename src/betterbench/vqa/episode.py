@@ -37,7 +37,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, with the index of the object that it handles."""
+    """Activity of the robot, with the index of the handled object."""
 
     act: Act
     object: int
@@ -150,7 +150,7 @@ def kinds_in_numbers() -> tuple[str, ...]:
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
     """Return ``count`` rows of an episode, one from each of ``count`` equally long parts.
 
-    All rows are returned if ``count`` is 0, or if there are not more than ``count`` rows.
+    If ``count`` is 0, or if there are at most ``count`` rows, return all rows.
     """
     if count == 0 or count >= rows:
         return range(rows)

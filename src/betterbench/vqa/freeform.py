@@ -132,7 +132,7 @@ class StateClaim:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """Description of an image, or answer to a question about an image, with the claims that the text makes."""
+    """Description of an image, or answer to a question about it, with the claims made in this text."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
     claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]

@@ -167,7 +167,7 @@ class Knowledge:
         return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials with a given standing, among all, only failed, or only solved trials."""
+        """Return the number of trials with a given standing. If requested, count only failed or only solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property

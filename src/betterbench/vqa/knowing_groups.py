@@ -29,7 +29,7 @@ TRAINING = "training"
 
 
 class GroupVerdict(StrEnum):
-    """Result of the tests for one group of trials: whether the model knows more than the policy does."""
+    """Result of the tests for one group of trials, which compare what the model knows with what the policy does."""
 
     KNOWS_MORE = "knows more than it does"
     DOES_MORE = "does more than it knows"

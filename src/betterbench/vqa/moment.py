@@ -1,4 +1,4 @@
-"""Moment: one frame of a trial with everything that questions about it need (state, camera view and episode)."""
+"""Moment: one frame of a trial, with the data needed for questions about it (state, camera view and episode)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Moment:
 
     @cached_property
     def single(self) -> dict[str, ObjectInfo]:
-        """Objects that are the only ones of their kind in the scene, by kind, sorted."""
+        """Objects that are the only ones of their kind in the scene, sorted by kind."""
         kinds = [o.kind for o in self.objects]
         return {o.kind: o for o in sorted(self.objects, key=lambda o: o.kind) if kinds.count(o.kind) == 1}
 

@@ -117,7 +117,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group of the question. Together, they describe what its wording reveals."""
+        """Family and group of the question. Together, they describe what the wording of the question reveals."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
@@ -207,7 +207,7 @@ class Question:
 
     @property
     def smallest(self) -> tuple[int, int] | None:
-        """Width and height of the smallest visible object of the question, by area [pixel].
+        """Width and height of the question's smallest visible object, measured by area [pixel].
 
         The value is None if no object of the question is visible.
         """

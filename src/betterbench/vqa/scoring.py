@@ -66,7 +66,7 @@ def is_in_place(
 
 
 def overlap(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the intersection over union of two boxes, each given as left, top, right and bottom edge."""
+    """Return the intersection over union of two boxes. Each box is given by its left, top, right and bottom edge."""
     across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     if across <= 0.0 or down <= 0.0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Limits of visibility that keep questions fair: an object must be large enough in the image and not mostly hidden."""
+"""Visibility limits that keep questions fair. An object must be large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def ask_for_scenario(
     """Have a model write a scenario.
 
     Returns:
-        The scenario and an empty string; or None and the first problem in the last answer.
+        The scenario and an empty string. If no answer is valid, None and the first problem in the last answer.
 
     Raises:
         ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -148,7 +148,7 @@ def _corrected(
     """Request a scenario, and send the problems of each rejected answer back to the model.
 
     Returns:
-        The scenario and an empty string; or None and the first problem in the last answer.
+        The scenario and an empty string. If no answer is valid, None and the first problem in the last answer.
     """
     problems: Sequence[str] = ()
     for attempt in range(1, tries + 1):

@@ -41,7 +41,7 @@ class Exchange:
         answer: Text of the answer.
         verdict: "accepted", or the problems that were sent back to the model.
         asked_at: Time of the request, in UTC.
-        took_s: Time from request to answer [s].
+        took_s: Time from the request to the answer [s].
     """
 
     prompt: str
@@ -68,7 +68,7 @@ def key_of(messages: Sequence[Message]) -> str:
 
 
 class ExchangeFile(LineJournal):
-    """File to which exchanges with a model are appended. Each exchange is synced to disk before the next request."""
+    """Append-only file of exchanges with a model. Each exchange is synced to disk before the next request."""
 
     def __init__(self, path: Path) -> None:
         self.known: dict[str, Exchange] = {}

@@ -1,4 +1,6 @@
-"""Prompt that requests scenarios. Its inputs and outputs are those of the paper (appendix B.1); its wording is our own.
+"""Prompt that requests scenarios.
+
+It has the inputs and outputs of the paper's prompt (appendix B.1), but its own wording.
 
 Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short and rejected
 scenarios are corrected in separate conversations.

@@ -195,10 +195,7 @@ class _Maker:
         return tuple(name for name in names if name not in self.left_out[variation.name])
 
     def _preplaced(self, variation: Resolved) -> tuple[str, ...]:
-        """Return the objects that are already in the container at the start.
-
-        This is judged from the sizes of our assets.
-        """
+        """Return the objects that are already in the container at the start, judging by the sizes of our assets."""
         sizes = {name: match.asset.size_m for name, match in self.matches.items()}
         container = variation.container
         if container not in self.matches or "inside" not in _regions(self.matches[container]):
@@ -295,7 +292,7 @@ class _Maker:
         return ObjectSpec(name, self._kind(name), match.category, color, role, fixed=False)
 
     def _kind(self, name: str) -> str:
-        """Return the noun of an object. The color is included if another object has the same noun."""
+        """Return the noun of an object. It includes the color if another object has the same noun."""
         noun = self.lexicon.noun(name)
         others = [other for other in self.task.instances if other != name and self.lexicon.noun(other) == noun]
         color = color_of(self.task.instances[name])
@@ -465,7 +462,7 @@ def _arrange(
 
 
 def axis_of(operations: Sequence[Operation]) -> Axis:
-    """Return the axis of a variation, judged from its operations.
+    """Return the axis that a variation belongs to, based on its operations.
 
     If the operations belong to several axes, the variation gets the first of these axes in the order object
     perturbation, temporal extrapolation, layout shift, recomposition.

@@ -2,8 +2,8 @@
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
 be missing) and ``variations/ID.yaml``. The constraint template of the task is in the folder ``task_templates`` of the
-clone, and may be missing. The field names are those of the release at commit 9d75971. The YAML reader is an argument,
-because only one package may import the YAML library.
+clone, and may be missing. The field names are those of the release at commit 9d75971. The YAML reader is passed as an
+argument, because only one package may import the YAML library.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return the distance of a position from the reachable and visible part of our table [m].
+    """Return how far a position is outside the reachable and visible part of our table [m].
 
     The distance is 0 if the position is inside this part.
     """
@@ -110,7 +110,7 @@ def place_slots(
     """Place the slots for the objects of all variations on our table.
 
     Args:
-        variations: Variations of the task, training variations first.
+        variations: Variations of the task, starting with the training variations.
         present: Objects that start in a slot, by variation.
         matches: Library asset that represents each object, by object id.
     """
@@ -295,9 +295,9 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return how much clearance is missing between two slots along x and y [m].
+    """Return how much additional clearance two slots need along x and y [m].
 
-    Negative values mean that none is missing.
+    Negative values mean that the clearance is large enough.
     """
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)

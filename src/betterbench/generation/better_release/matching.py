@@ -57,7 +57,7 @@ class Match:
 
 @contextmanager
 def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
-    """Open a catalogue of the library's assets. If the text encoder is not installed, it can be searched only by words.
+    """Open a catalogue of the library's assets. Without the text encoder, it can be searched only by words.
 
     Args:
         folder: Folder of an existing catalogue. If it is None, the built-in generators are indexed into a temporary
@@ -86,7 +86,7 @@ def match_instances(
 ) -> dict[str, Match]:
     """Return the library asset that represents each object. Objects without a similar asset are left out.
 
-    Containers are represented by categories into or onto which objects can be put. All other objects are represented by
+    Containers are represented by categories that objects can be put into or onto. All other objects are represented by
     categories that can be grasped. A category is used twice only if no unused category fits.
 
     Args:

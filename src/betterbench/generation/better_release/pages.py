@@ -34,7 +34,7 @@ class Imported:
 
     @property
     def task_id(self) -> str | None:
-        """Id of the task in our format, or None if no training variation can be represented."""
+        """Id of the task in our format, or None if our format cannot represent any training variation."""
         return None if self.built.task is None else self.built.task.id
 
     def certified(self, variation: str) -> Summary | None:

@@ -182,7 +182,7 @@ def classes_of(noun: Noun) -> tuple[Noun, ...]:
 
 
 def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
-    """Return the nouns of an object, the usual noun first: "juice box", "box".
+    """Return the nouns of an object, starting with the usual one: "juice box", "box".
 
     Args:
         instance: Object. The nouns are taken from its semantic name, or else from its query and description.

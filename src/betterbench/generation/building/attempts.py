@@ -1,7 +1,7 @@
 """Attempts to build a certified task from a scenario.
 
-A task that fails its certificate is changed and examined again: first without the variations that failed, then with
-more demonstrations, then with other slots, and finally with other assets.
+A task that fails its certificate is changed and checked again: first without the variations that failed, then with more
+demonstrations, then with other slots, and finally with other assets.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def build_task(
     """Build a certified task from a scenario, or return the reason why every attempt failed.
 
     A scenario is rejected without an attempt if its groups differ from those of the template, or if its instruction
-    states a goal that the template does not have.
+    states a goal that the template does not support.
     """
     problem = _problem_of(scenario)
     if problem:

@@ -179,7 +179,8 @@ def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
     """Return whether a word or one of its synonyms names an asset.
 
-    It must be the last word of the asset's name, or a tag that names the object and not its material, place or use.
+    The word must be the last one in the asset's name, or a tag that names the object rather than its material, place or
+    use.
     """
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
@@ -189,7 +190,7 @@ def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
-    """Return the distinct color words of a description. Colors in its search query come first."""
+    """Return the distinct color words in a description, starting with those in its search query."""
     said = [*terms(described.asset_query), *terms(described.description)]
     return tuple(dict.fromkeys(word for word in said if word in COLORS))
 

@@ -56,7 +56,7 @@ _RESULT = TypeAdapter(Result)
 
 @dataclass(frozen=True, slots=True)
 class BuildItem:
-    """Scenario to build, in its JSON form, with the identifier of the task that is built from it."""
+    """Scenario to build, as JSON, with the identifier of the task that is built from it."""
 
     scenario: str
     task_id: str

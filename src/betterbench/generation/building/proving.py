@@ -24,7 +24,7 @@ class Proof:
 
     Attributes:
         demonstrated: Measurements of the task's demonstrations.
-        trials: Certificates of the task's trials, in the order of the conditions.
+        trials: Certificates of the task's trials, ordered by condition.
     """
 
     demonstrated: Demonstrated
@@ -32,7 +32,7 @@ class Proof:
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Conditions with a trial that failed its certificate, in order."""
+        """Conditions with at least one trial that failed its certificate, in order."""
         groups: dict[str, list[TrialCertificate]] = {}
         for trial in self.trials:
             if not trial.passed:

@@ -15,10 +15,10 @@ from betterbench.tasks.demonstrated import Demonstrated
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of a build that affect its results.
+    """Build settings that affect the results.
 
     Attributes:
-        seeds: Number of certified trials per variation, from seed 0.
+        seeds: Number of certified trials per variation. Their seeds start at 0.
         demonstrations: Number of measured demonstrations per task. Each training condition has at least one.
     """
 

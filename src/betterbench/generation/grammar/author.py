@@ -135,7 +135,7 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield the features of a choice of objects, each with a weight that penalizes repeating it.
+    """Yield the features of a choice of objects. Each has a weight, which is the penalty for repeating it.
 
     The weight is high for categories and low for colors.
     """
@@ -160,7 +160,7 @@ def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
 
 
 def _has(kinds: tuple[Kind, ...], wanted: Iterable[Wanted]) -> bool:
-    """Return whether the kinds of a group contain a different object for each wanted object of the group."""
+    """Return whether each wanted object of a group can be matched with a different object in the group."""
     free = list(kinds)
     for want in wanted:
         found = next((kind for kind in free if kind in want.kinds), None)
@@ -222,9 +222,9 @@ def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
 
 
 def _may_have(theme: Theme, want: Wanted) -> bool:
-    """Return whether a theme may contain a wanted object, judged from its pools.
+    """Return whether a theme may contain a wanted object.
 
-    Enumerating the thousands of choices would take too long.
+    Only the pools of the theme are checked, because enumerating the thousands of choices would take too long.
     """
     group = theme.groups.get(want.group_id)
     return group is not None and any(
@@ -248,7 +248,7 @@ def _others(
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
-    """Return the themes that share the most words with a text, or all themes if none shares a word."""
+    """Return the themes that share the most words with a text. If none shares a word, return all themes."""
     words = set(terms(about))
     shared = [len(words & theme_words(theme)) for theme in themes]
     return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))
@@ -269,7 +269,7 @@ _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
-    """Return a scenario with the chosen objects and one of the theme's instructions, drawn at random."""
+    """Return a scenario with the chosen objects and a randomly chosen instruction of the theme."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -313,7 +313,7 @@ def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
 
 
 def shown_colors(template: str) -> dict[str, dict[str, tuple[str, ...]]]:
-    """Return the colors of each category in a template's grammar, by group and category."""
+    """Return the colors in a template's grammar, by group and category."""
     grammar = grammar_of(template)
     return {
         group_id: {

@@ -1,4 +1,4 @@
-"""Themes of a template: contexts, each with objects that fit it."""
+"""Themes of a template. A theme is a context, such as a kitchen, with objects that fit it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Set of library objects, some of which are drawn for a scenario.
+    """Set of library objects. Some of them are drawn for each scenario.
 
     Attributes:
         categories: Asset categories of the library.
@@ -89,7 +89,8 @@ class Theme:
     Attributes:
         name: Name of the scenarios with this theme ("Packing a picnic").
         context: Place or situation ("park").
-        instructions: Wordings of the instruction; ``{container}`` stands for the first object of that group.
+        instructions: Wordings of the instruction. A placeholder such as ``{container}`` stands for the first object of
+            that group.
         groups: Objects by ``group_id``, in the order of the template.
     """
 

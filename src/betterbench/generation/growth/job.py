@@ -245,7 +245,7 @@ def grow_suite(
 
 
 class _Growing:
-    """State of the job: the proposals, the certified tasks and the rejected scenarios so far, in order."""
+    """State of the job: all proposals, certified tasks and rejected scenarios so far, in order."""
 
     def __init__(
         self,
@@ -296,7 +296,7 @@ class _Growing:
     def _drawn(self, size: int) -> list[Proposal]:
         """Return the scenarios of the next round.
 
-        Stored proposals are used first; after that, new ones are requested.
+        Stored proposals are used first. After that, new ones are requested.
         """
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1

@@ -72,7 +72,7 @@ _PROPOSAL = TypeAdapter(Proposal)
 
 
 class ProposalFile(LineJournal):
-    """File to which proposals are appended. Each proposal is synced to disk before the next one is made.
+    """Append-only file of proposals. Each proposal is synced to disk before the next one is made.
 
     Raises:
         RecordError: If a line was changed.

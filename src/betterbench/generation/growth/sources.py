@@ -57,7 +57,7 @@ class Proposed:
 class Source(Protocol):
     """Author that proposes the next scenario for a growing suite.
 
-    It also states which scenarios it can write, as in :class:`~.quotas.Supply`.
+    It also reports which scenarios it can write, see :class:`~.quotas.Supply`.
     """
 
     @property
@@ -74,7 +74,7 @@ class Source(Protocol):
         """Return the pairs of template and context for which a new scenario may exist. The order is fixed."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return a new scenario for a template and context. The number distinguishes the proposal from all others."""
+        """Return a new scenario for a template and context. ``number`` is unique to this proposal."""
 
     def take(self, proposal: Proposal) -> None:
         """Register a proposal that was made now or read from the journal."""
@@ -147,7 +147,7 @@ class OfflineSource:
         return Proposed("drawn", scenario_of(cell.template, theme, choice, rng), key)
 
     def _cost(self, cell: Cell, choice: Choice, *, colored: bool) -> float:
-        """Return how often the categories in a choice were used before, on average.
+        """Return the average number of times that the categories in a choice were used before.
 
         If ``colored`` is set, pairs of category and color are counted instead of categories.
         """

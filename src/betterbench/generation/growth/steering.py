@@ -1,4 +1,4 @@
-"""Choice of the next template and context, and acceptance of certified tasks, with the aim of filling the quotas.
+"""Choice of the next template and context, and acceptance of certified tasks, so that the quotas are filled.
 
 All choices depend only on the accepted tasks and on the drawn scenarios, not on the number of workers or on timing.
 """
@@ -81,7 +81,7 @@ class _Mix:
         return self.variations(axis) / self.total
 
     def level(self, difficulty: str) -> float:
-        """Return the fraction of the tasks that have a level of difficulty."""
+        """Return the fraction of the tasks that have a given level of difficulty."""
         return self._levels[difficulty] / self._number
 
 
@@ -194,7 +194,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return how many tasks are still missing to reach the minimum in the quota for a value."""
+        """Return how many more tasks are needed to reach the minimum in the quota for a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -204,7 +204,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return how many open quotas a task with a template and context is expected to help fill."""
+        """Return how many open quotas a task with a given template and context is expected to help fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:
@@ -251,7 +251,7 @@ class Steering:
         return ""
 
     def _is_reachable(self, quota: Quota, tally: _Tally, places: int) -> bool:
-        """Return whether the quota for an axis can still be met if the most suitable template is used from now on."""
+        """Return whether the quota for an axis can still be met if only the best template is used from now on."""
         low, high = quota.least / 100.0, 1.0 if quota.most is None else quota.most / 100.0
         number, total = tally.of("axis", quota.value), tally.variations
         surplus = max(m.variations(quota.value) - low * m.total for m in self._mixes.values())
@@ -259,7 +259,7 @@ class Steering:
         return number - low * total + places * surplus > -1e-9 and number - high * total + places * excess < 1e-9
 
     def best_share(self) -> dict[str, float]:
-        """Return the largest expected fraction of a task's variations on each axis, among all templates."""
+        """Return the largest expected fraction of a task's variations that are on each axis, over all templates."""
         return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
 
     def standing(self) -> list[tuple[Quota, float, bool]]:

@@ -192,7 +192,7 @@ class _Positioning:
     def _beside(self) -> dict[str, a.ObjectSpec]:
         """Return the look-alike of each item, by the name of the item.
 
-        If no item has a look-alike, return a toy block under the name "".
+        If no item has a look-alike, return a toy block with the key "".
         """
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 

@@ -58,7 +58,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def container_loading(cast: Cast) -> GeneratedTask:
     """Return a task with two objects, and a cabinet with an upper and a lower drawer.
 
-    While the upper drawer is open, nothing can be put into the lower one.
+    Nothing can be put into the lower drawer while the upper one is open.
 
     Raises:
         InvalidInputError: If an object does not fit. The message names the object.
@@ -247,7 +247,7 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether an object has corners, so that it needs more room in a drawer when it is rotated."""
+    """Return whether an object has corners. Such an object needs more room in a drawer when it is rotated."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])

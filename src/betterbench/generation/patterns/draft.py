@@ -1,4 +1,4 @@
-"""Draft of a generated task: its training conditions, its variations numbered by axis, and variations left out."""
+"""Draft of a generated task: its training conditions, its variations, and the variations left out."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ class Draft:
     ) -> bool:
         """Add a variation.
 
-        If it is impossible, tests nothing new, or its objects may touch, list it as unbuilt instead.
+        The variation is listed as unbuilt instead if it is impossible, if it tests nothing new, or if its objects may
+        touch.
 
         Returns:
             Whether the variation was added.
@@ -214,7 +215,7 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
 
 
 def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
-    """Sort variations by axis, in the order layout, recomposition, object, time."""
+    """Sort variations by axis: layout shift, recomposition, object perturbation, temporal extrapolation."""
     return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 

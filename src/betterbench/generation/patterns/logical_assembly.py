@@ -1,4 +1,4 @@
-"""Logical assembly: layers are put on a base in a strict order, as in the task cheeseburger."""
+"""Logical assembly: layers are put on a base in a strict order, as in the task ``cheeseburger``."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class _Stack:
 
 @pattern(a.LOGICAL_ASSEMBLY)
 def logical_assembly(cast: Cast) -> GeneratedTask:
-    """Return a task in which layers are put on a base: the first layer, then one of two others.
+    """Return a task in which layers are put on a base. The first layer is followed by one of two others.
 
     If there are four layers, the fourth one is always put on top. Distractors are not used, because the layers occupy
     all slots.

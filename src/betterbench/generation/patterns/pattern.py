@@ -35,7 +35,7 @@ class GeneratedTask:
         balanced: Additional training conditions without these confounds.
         crossed: Factors that vary independently in ``balanced``, one line each.
         unbuilt: Variations that could not be derived.
-        aside: Slots from which nothing is picked and that are used only in ``balanced``.
+        aside: Slots that are used only in ``balanced``. Nothing is picked from them.
     """
 
     task: Task

@@ -85,11 +85,11 @@ Step = tuple[ObjectSpec, str]
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Items with their initial slots, and with the sides of the anchor at which they are put in training.
+    """Items with their initial slots, and the sides of the anchor where they are put in training.
 
     Attributes:
-        anchor: Object at whose sides the items are put.
-        steps: Three items, each with its side in training.
+        anchor: Object that the items are put beside.
+        steps: Three items, each with the side where it is put in training.
         layouts: Initial slots for the first and the second position of the anchor.
         pairs: Pairs of steps that occur together in training.
     """
@@ -106,7 +106,7 @@ class _Plan:
 
 @pattern(a.PATTERNED_ARRANGEMENT)
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
-    """Return a task in which two of three items are put at sides of an anchor.
+    """Return a task in which two of three items are put beside an anchor, each at a given side.
 
     If the anchor is round and the items are two long pieces and a compact object, they form a place setting. Otherwise,
     the items start in front of the anchor. Distractors are used only around a place setting, if there is room.
@@ -166,7 +166,7 @@ def _is_round(anchor: ObjectSpec) -> bool:
 
 
 def _refuse_long(spec: ObjectSpec) -> None:
-    """Raise InvalidInputError because an object is so long that the camera would not see it completely."""
+    """Raise InvalidInputError because an object is too long to be completely visible to the camera."""
     size = footprint(spec.category)
     problem = f"a {spec.kind} reaches {1000 * size.radius_m:.0f} mm from its center"
     cure = "Choose objects of at most 70 mm, or two pieces of cutlery and a compact object at a plate"
@@ -174,14 +174,14 @@ def _refuse_long(spec: ObjectSpec) -> None:
 
 
 def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
-    """Raise InvalidInputError because the scenario's instruction puts an object at a side that has no room for it."""
+    """Raise InvalidInputError because the scenario's instruction puts an object at a side where it has no room."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
     raise InvalidInputError(where, problem, "Choose another side, or leave the side out")
 
 
 def _fits(spec: ObjectSpec, side: str) -> bool:
-    """Return whether there is room for an object at a side of the anchor."""
+    """Return whether an object fits at a side of the anchor."""
     size = footprint(spec.category)
     if side == "upper_right" and size.radius_m > _FRONT_M:
         return False

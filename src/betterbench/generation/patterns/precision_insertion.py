@@ -154,8 +154,8 @@ class _Insertion:
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
         """Return the plain version of a jar, or None if it does not exist.
 
-        Plain jars differ from each other only by their labels. By convention, the category of the plain version is
-        "plain_" followed by the kind, with underscores ("plain_salt_jar").
+        Plain jars differ only in their labels. By convention, the category of the plain version is "plain_" followed by
+        the kind, with underscores ("plain_salt_jar").
         """
         category = f"plain_{item.kind.replace(' ', '_')}"
         if category == item.category or category not in categories():

@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """Plates of a stack: the lowest plate, and the two plates that are stacked on it."""
+    """Plates of a stack: the lowest plate and two plates on top of it."""
 
     base: ObjectSpec
     middle: ObjectSpec

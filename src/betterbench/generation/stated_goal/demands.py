@@ -128,7 +128,7 @@ def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
 
 
 def number_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield each stated number that differs from the number of objects in the scenario, together with the reason."""
+    """Yield each number in the instruction that differs from the number of objects in the scenario, with the reason."""
     for mention in r.mentions.values():
         items = [n for n in mention.objects if r.role_of[n] in ("item", "drawer")]
         noun = r.raw[mention.end - 1]

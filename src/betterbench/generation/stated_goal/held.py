@@ -1,4 +1,4 @@
-"""Relations in instructions that tasks of each template support, and the reasons for rejecting other relations."""
+"""Relations in instructions that each template supports, and the reasons for rejecting other relations."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _packed(r: Reader, said: Said, _regions: object, _onto: object) -> Iterator[
 
 
 def _goes_on(r: Reader, said: Said) -> bool:
-    """Return whether the template's relation comes later, as in "the apple on the table into the lunchbox"."""
+    """Return whether the relation of the template follows later, as in "the apple on the table into the lunchbox"."""
     words = said.words.split()[0]
     after = r.raw[r.raw.index(words) + 1 :]
     return bool({"into", "in", "inside"} & set(after))

@@ -154,7 +154,7 @@ class Reader:
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
 
     def _of_type(self, noun: tuple[str, ...]) -> list[str]:
-        """Return the container, fixture or drawers that a noun names by their type ("trash can" for a waste bin)."""
+        """Return the container, fixture or drawers whose type a noun names, such as "trash can" for a waste bin."""
         groups = TEMPLATES[self.scenario.template].groups
         receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
         named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
@@ -259,7 +259,7 @@ class Reader:
         return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
 
     def receiver(self, said: Said) -> bool:
-        """Return whether the target of a relation is a container, a fixture or a drawer, or a pronoun for one."""
+        """Return whether the target of a relation is a container, fixture or drawer, or a pronoun for one."""
         if said.target is not None:
             return any(self.role_of[n] in ("container", "fixture", "drawer") for n in said.target.objects)
         return said.place == "it" and any(

@@ -36,7 +36,7 @@ class ReplyCache:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Set the folder of the cache. By default, it is in the user's cache folder. The folder is not created yet."""
+        """Set the folder of the cache. By default, this folder is in the user's cache folder. It is not created yet."""
         self.folder = folder or platformdirs.user_cache_path("betterbench") / "replies"
         self._lock, self._is_off = threading.Lock(), False
 
@@ -65,7 +65,7 @@ class ReplyCache:
         return Reply(form["text"], prompt, completion, is_cached=True, is_cut=form.get("is_cut") is True)
 
     def put(self, key: str, reply: Reply) -> None:
-        """Store a reply. If the folder cannot be written, log one warning and store nothing from then on."""
+        """Store a reply. If the folder cannot be written, log a single warning and do not store any more replies."""
         if self._is_off:
             return
         tokens = {"prompt_tokens": reply.prompt_tokens, "completion_tokens": reply.completion_tokens}

@@ -41,7 +41,7 @@ _SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 
 class RefusedError(ModelError):
-    """Error for a single request that was rejected (HTTP 400, 413 or 422), for example because of its image.
+    """A single request was rejected (HTTP 400, 413 or 422), for example because of its image.
 
     Other requests may still succeed.
 
@@ -283,7 +283,7 @@ def user_message(text: str, *images: bytes) -> Message:
 def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
     """Return the content of a reply, or None if the reply has no choice or no content.
 
-    There may be no content, for example, because a content filter of the server removed it.
+    For example, the content may have been removed by a filter on the server.
     """
     if form.get("error"):
         raise LookupError("choices")

@@ -92,8 +92,8 @@ def _wrapped(text: str) -> list[str]:
 def _claimed(letters: dict[str, str], text: str) -> str | None:
     """Return the letter of the option that a text names as its answer.
 
-    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text
-    or, without letters, the letter of the only option that the text quotes.
+    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text.
+    If the text has no letter, it is the letter of the only option that the text quotes.
     """
     claims = [
         m

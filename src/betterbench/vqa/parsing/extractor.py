@@ -87,9 +87,9 @@ def _copied(reply: str) -> list[str]:
 
 
 def _occurs(part: str, source: str) -> bool:
-    """Return whether a part occurs in the text and begins and ends at the boundary of a number or a word.
+    """Return whether a part occurs in the text, as whole words or numbers.
 
-    Differences in white space do not matter.
+    Differences in white space are ignored.
     """
     words, there = " ".join(part.split()), " ".join(source.split())
     whole = rf"(?<![\w.]){re.escape(words)}(?!\w|\.\d)" if words[:1].isalnum() else re.escape(words)

@@ -1,8 +1,8 @@
 """Parser for boxes and points in any notation.
 
-The declared convention determines the order and the scale of the numbers. A different written form, such as a list
-instead of the declared JSON, is accepted in the stage "tolerant". The written form never changes the order or the scale
-of the numbers.
+The declared convention determines the order and the scale of the numbers. If the numbers are written in a different
+form, such as a list instead of the declared JSON, they are accepted in the stage "tolerant". The form never changes the
+order or the scale of the numbers.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ _ORDINALS = {2: "second", 3: "third", 4: "fourth"}
 
 
 def done_words(moment: Moment, done: list[bool]) -> str:
-    """Describe the finished steps, in the words of an option for the answer."""
+    """Describe the finished steps in the wording of an answer option."""
     goals = moment.condition.instruction.subgoals
     if all(done):
         return EVERYTHING

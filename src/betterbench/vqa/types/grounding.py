@@ -55,7 +55,7 @@ def cell_of(seen: SeenObject, width: int, cells: int) -> str:
 def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
     """Divide kinds of objects into groups of two to four.
 
-    The groups are the same for all questions about these kinds.
+    All questions about these kinds use the same groups.
     """
     if len(kinds) < 2:
         return []

@@ -27,7 +27,7 @@ def premise(moment: Moment) -> Iterator[QuestionDraft]:
 def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
     """Return the tags of a question about a kind of object that the scene does not contain.
 
-    The question is harder if another object is in the slot in which this kind usually stands.
+    The question is harder if another object is in the usual slot of this kind.
     """
     tags = ["absent"]
     if kind in moment.episode.vocabulary:

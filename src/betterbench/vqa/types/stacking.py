@@ -1,4 +1,4 @@
-"""Questions about stacking: which objects lie on each other, which of two is higher, and the order of a stack."""
+"""Questions about stacking: which object lies on which, which of two is higher, and the order of a stack."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def _gripper(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _lift(moment: Moment, name: str) -> float:
-    """Return how far an object is above the lowest height that it has had so far in the episode [m]."""
+    """Return the height of an object above its lowest position so far in the episode [m]."""
     i = moment.state.info.index(name)
     heights = moment.episode.trace.positions[: moment.row + 1, i, 2]
     return float(heights[-1] - heights.min())
