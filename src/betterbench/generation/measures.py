@@ -176,7 +176,7 @@ def require_grasp(spec: ObjectSpec) -> None:
         raise refused(spec, f"is {mm(size.grip_m)} thick at its narrowest grasp", cure)
     if size.low_m < LOW_M:
         cure = f"The gripper needs {mm(LOW_M)} or more; choose a taller object"
-        raise refused(spec, f"is held {mm(size.low_m)} above the table", cure)
+        raise refused(spec, f"would be grasped {mm(size.low_m)} above the table", cure)
 
 
 def require_usable(objects: Iterable[ObjectSpec]) -> None:

@@ -221,7 +221,7 @@ class _AnswerFile(LineJournal):
             found = _parsed(lines, self._path)
             if replace(found.head, seal=None) != self.head:
                 raise RunConflictError(
-                    f"{self._path}: contains answers of {found.head.model!r} to a different set, or with different "
+                    f"{self._path} contains answers of {found.head.model!r} to a different set, or with different "
                     f"coordinates. Choose a different file."
                 )
             _require_unchanged(found, self._path)

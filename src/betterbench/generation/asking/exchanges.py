@@ -159,8 +159,9 @@ class KeptChat:
     def _asked(self, messages: Sequence[Message], purpose: str) -> Exchange:
         if self._chat is None:
             raise ModelError(
-                f"The stored exchanges contain no answer to {purpose}. They come from another command, another version "
-                f"of the prompt or an interrupted run. Run the original command again with its model."
+                f"The stored exchanges contain no answer to {purpose}. They were made by a different command, "
+                f"with a different version of the prompt, or in an interrupted run. Run the original command again "
+                f"with its model."
             )
         asked_at, began = self._now(), time.monotonic()
         answer = self._chat.complete(messages, max_tokens=MAX_TOKENS).text

@@ -366,7 +366,7 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
         for i, instance in enumerate(members):
             if instance.instance_id in instances:
                 where = f"{group}{'' if group == 'container' else '_objects'}[{i}].instance_id"
-                problem = f"{instance.instance_id!r} is given twice"
+                problem = f"{instance.instance_id!r} occurs twice"
                 _refuse(folder / "object_universe.yaml", where, problem, "Use a different id for each object")
             instances[instance.instance_id] = instance
     if len(instances) > MOST_OBJECTS:

@@ -252,6 +252,6 @@ def _require_fit(item: a.ObjectSpec, fixture: a.ObjectSpec) -> None:
         foot_x, _ = foot_of(asset)
         held = max(grasp.pose.position[0] - foot_x for grasp in asset.grasps)
         if held < needed:
-            problem = f"is held {mm(held)} in front of its middle"
+            problem = f"would be grasped {mm(held)} in front of its middle"
             cure = f"The gripper needs {mm(needed)} to stay clear of the spout; choose an object with a handle"
             raise refused(item, problem, cure)

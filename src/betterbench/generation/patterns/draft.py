@@ -21,7 +21,7 @@ from betterbench.tasks.axes import Axis
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 LEAST_VARIATIONS, LEAST_AXES = 4, 3
-"""Minimum number of variations of a generated task, and minimum number of axes to which they belong."""
+"""Minimum number of variations of a generated task, and minimum number of axes among them."""
 
 
 @dataclass

@@ -32,7 +32,7 @@ TABLE = Table(
 """Slots of the task cheeseburger in the suite."""
 
 _TALLEST_M = 0.15
-"""Maximum height of a stack above its base at which the arm can still carry the last layer over the stack [m]."""
+"""Maximum height of a stack above its base [m]. The arm can just carry the last layer over a stack of this height."""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."

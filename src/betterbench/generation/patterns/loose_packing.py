@@ -31,15 +31,17 @@ OPEN_TABLES = tuple(
     Table(starts, (stand,))
     for starts, stand in ((_FOUR, _ACROSS), (_FOUR, _FLOOR), (_THREE, _FLOOR), (_THREE, _ACROSS))
 )
-"""Choices of slots for containers without a lid: those of the task fast_food, the same with the container position of
-the task tidy_desk, and three slots with more room.
+"""Choices of slots for containers without a lid.
+
+They are the slots of the task ``fast_food``, the same slots with the container position of the task ``tidy_desk``, and
+three slots with more room.
 """
 LID_TABLES = (Table(_THREE, (_STAND,)),)
-"""Slots of the task fruit_lunch in the suite, for containers with a raised lid. The lid points away from the arm."""
+"""Slots of the suite's task ``fruit_lunch``, for containers with a raised lid. The lid points away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
 
 _LID_M = 0.10
-"""Minimum difference between the height of a container and the depth of its inside that indicates a raised lid [m]."""
+"""Minimum difference between the height and the inner depth of a container with a raised lid [m]."""
 
 _ROOM_M = 0.005
 """Clearance that the expert keeps between an item and the walls [m], see the relation ``inside``."""

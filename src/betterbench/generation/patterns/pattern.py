@@ -50,7 +50,7 @@ Pattern = Callable[[Cast], GeneratedTask]
 """Function that makes a task from a cast, or raises InvalidInputError if the objects do not fit."""
 
 PATTERNS: dict[str, Pattern] = {}
-"""Pattern of each template, by the name of the template."""
+"""Patterns by the name of their template."""
 
 
 def pattern(template: Template) -> Callable[[Pattern], Pattern]:

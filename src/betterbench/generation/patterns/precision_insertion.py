@@ -210,7 +210,7 @@ def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:
         held, needed = max(grasp.pose.position[2] for grasp in asset.grasps), max(depths) + HELD_M
         if held < needed:
             cure = f"The gripper needs {mm(needed)} to stay above the rack; choose a taller object"
-            raise refused(item, f"is held {mm(held)} above its foot", cure)
+            raise refused(item, f"would be grasped {mm(held)} above its foot", cure)
 
 
 def _half_width(rack: a.ObjectSpec, asset: Asset) -> float:
