@@ -338,7 +338,7 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], p
 def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
     """Return the kinds of objects that each noun may refer to, with the group of each kind.
 
-    If a noun is the usual noun of one category and a secondary noun of another category, it refers to the former.
+    If a noun is the usual noun of one category and a secondary noun of another category, only the first is meant.
     """
     exact: dict[tuple[str, ...], dict[Kind, str]] = {}
     other: dict[tuple[str, ...], dict[Kind, str]] = {}

@@ -1,4 +1,4 @@
-"""Patterned arrangement: items are put at the sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
+"""Patterned arrangement: items are put at the sides of an anchor, as in ``desk_meeting`` and ``breakfast_table``."""
 
 from __future__ import annotations
 

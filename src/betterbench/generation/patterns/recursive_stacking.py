@@ -1,4 +1,4 @@
-"""Recursive stacking: plates are put on plates, as in the task dinner_plates."""
+"""Recursive stacking: plates are put on plates, as in the task ``dinner_plates``."""
 
 from __future__ import annotations
 

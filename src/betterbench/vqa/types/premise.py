@@ -12,7 +12,7 @@ from betterbench.vqa.types.relation import yes
 
 
 def premise(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about which kinds are present, of which kind each object is, and whether the task can be done."""
+    """Yield questions about which kinds are present, what kind each object is, and whether the task can be done."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]
