@@ -95,7 +95,7 @@ def test_a_number_asks_for_several():
         ("Put the hammer into the box", "Unknown object 'hammer'"),
         ("Put the screwdriver next to the plate", "Unknown object 'screwdriver'"),
         ("The stapler and a wrench go into the drawer", "Unknown object 'wrench'"),
-        ("Stack the three plates, the blue one on top", "no noun in 'the blue one'.*'the blue plate'"),
+        ("Stack the three plates, the blue one on top", "'the blue one' without a noun.*'the blue plate'"),
         (
             "Hide the sponge and the two black staplers in the lower drawer",
             "has 3 objects for the group 'items' .sponge, black stapler, black stapler.. Use at most 2",

@@ -190,7 +190,7 @@ def test_a_file_has_the_same_quotas_as_the_options() -> None:
         ),
         (10, ["context=kitchen:6", "context=pantry:5"], "need 11 tasks"),
         (10, ["axis=temporal:60%", "axis=spatial:50%"], "need 110% of the variations"),
-        (10, ["template=loose_packing:1", "template=loose_packing:2"], "is given 2 times"),
+        (10, ["template=loose_packing:1", "template=loose_packing:2"], "occurs 2 times"),
         (3, ["template=loose_packing:10%-20%"], "at least 1 and at most 0"),
         (10, ["difficulty=easy:0-3", "difficulty=medium:0-3", "difficulty=hard:0-3"], "allow only 9 tasks"),
         (40, ["template=recursive_stacking:20"], "the grammar has only 1 different goals for it"),

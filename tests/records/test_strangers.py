@@ -266,7 +266,7 @@ def test_an_image_that_a_sealed_set_does_not_know_is_not_shown(tmp_path):
     question_set(tmp_path)
     asked = read_set(tmp_path)
     (tmp_path / "images" / "new.jpg").write_bytes(b"new")
-    with pytest.raises(RecordError, match="was changed after the set was made"):
+    with pytest.raises(RecordError, match="was changed after the question set was made"):
         asked.image("images/new.jpg")
     assert replace(asked, images={}).image("images/new.jpg") == b"new"
 

@@ -151,7 +151,7 @@ def test_what_was_not_answered_yet_is_not_asked_and_not_kept(failing, decisive, 
     assert "Not stored for the report" in told.err
     assert (failing.path / "knowledge.json").read_bytes() == kept
     file.write_text(lines[0] + "\n")
-    with pytest.raises(InvalidInputError, match="'wise': they do not answer any question"):
+    with pytest.raises(InvalidInputError, match="'wise': the file contains no answer to a question"):
         knowledge_of(diagnosis, decisive, read_answers(file, decisive))
 
 

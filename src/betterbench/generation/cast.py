@@ -1,4 +1,4 @@
-"""Casts: scenarios in which an asset has been chosen for each described object."""
+"""Casts: scenarios with an asset chosen for each described object."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,8 +17,9 @@ class Cast:
         groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
             ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
             and unique in the cast ("red mug" if there is also a blue mug, otherwise "mug").
-        look_alikes: For each item, by its name: distractors of other categories with the same color or shape, the most
-            similar first. The names and kinds of these distractors are unique too.
+        look_alikes: Look-alikes of each item, by the item's name. They are distractors of other categories with the
+            same color or shape, starting with the most similar one. The names and kinds of these distractors are unique
+            too.
         seed: Seed for all choices that the descriptions do not determine.
     """
 

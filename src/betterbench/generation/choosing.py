@@ -1,6 +1,6 @@
 """Scenarios for a user's sentence, without a language model.
 
-The words of the sentence determine the template, and its nouns determine the objects.
+The words in the sentence determine the template, and its nouns determine the objects.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Chosen:
     Attributes:
         template: Name of the template.
         scenarios: Scenarios that contain the named objects.
-        reworded: Reason why the sentence is replaced by a generated instruction; empty if the sentence itself is the
+        reworded: Reason why the sentence is replaced by a generated instruction. Empty if the sentence itself is the
             instruction.
     """
 
@@ -167,7 +167,7 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
-    """Return a scenario whose groups begin with the objects that a sentence names, in the order of the sentence.
+    """Reorder the groups of a scenario, so that they begin with the objects of a sentence in the order of the sentence.
 
     The first training condition is then about the objects that are named first. A top bun is not moved forward, because
     it must stay the last layer.
@@ -209,13 +209,13 @@ def checked_sentence(sentence: str) -> str:
         plain_text(text)
     except ValueError as error:
         raise InvalidInputError(
-            "sentence", str(error).partition("; write")[0], "Write letters and plain punctuation"
+            "sentence", str(error).partition("; write")[0], "Use only letters and plain punctuation"
         ) from error
     return capitalized(text if text.endswith(".") else f"{text}.")
 
 
 def choose_template(sentence: str) -> str:
-    """Return the name of the template that the words of a sentence indicate.
+    """Return the name of the template that best matches the words of a sentence.
 
     Raises:
         InvalidInputError: If no template or several templates fit. The message names the closest templates.
@@ -236,7 +236,7 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects named in a sentence, each with the kinds of library objects that its noun may mean.
+    """Return the objects named in a sentence, with the kinds of library objects that each noun may mean.
 
     Raises:
         InvalidInputError: If the library has no such object for the template, or has it only in other colors.
@@ -265,9 +265,9 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
 
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
-    """Leave out the widest kinds of plate for a plate that a sentence puts on another plate.
+    """If a sentence puts a plate on another plate, exclude the widest kinds of plate for the upper one.
 
-    In "the red plate on the blue plate", these kinds are left out for the red plate. They are kept for the blue one.
+    In "the red plate on the blue plate", these kinds are excluded for the red plate but not for the blue one.
     """
     kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
     stays = {"on", "onto", "of"} & set(tokens[max(0, at - 3) : at])
@@ -306,18 +306,18 @@ _EXAMPLES = {
 
 
 def _require_nouns(tokens: list[str]) -> None:
-    """Raise InvalidInputError for a phrase such as "the red one", because the noun behind "one" is not resolved."""
+    """Raise InvalidInputError for a phrase such as "the red one", because "one" can stand for any noun."""
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
-        raise InvalidInputError("sentence", f"has no noun in 'the {color} one'", cure)
+        raise InvalidInputError("sentence", f"contains 'the {color} one' without a noun", cure)
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
     """Return the objects that a noun in a sentence asks for.
 
-    The number word before the noun states how many they are. Without a number word, a plural asks for two objects, and
-    a singular for one.
+    A number word before the noun states how many objects are meant. Without a number word, a plural noun means two
+    objects, and a singular noun means one.
     """
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
@@ -336,9 +336,9 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], p
 
 @functools.cache
 def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
-    """Return the kinds of objects to which each noun may refer, with the group of each kind.
+    """Return the kinds of objects that each noun may refer to, with the group of each kind.
 
-    If a noun is the usual noun of one category and a secondary noun of another category, it refers to the former.
+    If a noun is the usual noun of one category and a secondary noun of another category, only the first is meant.
     """
     exact: dict[tuple[str, ...], dict[Kind, str]] = {}
     other: dict[tuple[str, ...], dict[Kind, str]] = {}

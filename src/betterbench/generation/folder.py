@@ -49,7 +49,7 @@ Vocabulary = Literal["library", "open"]
 
 @dataclass(frozen=True, slots=True)
 class GenerateSettings:
-    """Settings from which scenarios are generated.
+    """Settings for generating scenarios.
 
     Attributes:
         target: Name of a template, or a sentence.
@@ -58,7 +58,7 @@ class GenerateSettings:
         seed: Seed of the offline author.
         tries: Maximum number of model answers per scenario.
         vocabulary: Objects that a model may use.
-        replay: File of stored exchanges, whose answers replace the model.
+        replay: File of stored exchanges. Its answers are used instead of a model.
         key_variable: Environment variable with the API key of the endpoint.
     """
 
@@ -85,7 +85,7 @@ class GenerateSettings:
 
     @property
     def sentence(self) -> str:
-        """The given sentence with a period at its end; empty if the target is a template.
+        """The given sentence with a period at its end, or an empty string if the target is a template.
 
         Raises:
             UnknownNameError: If the target is a single word but not the name of a template.
@@ -100,14 +100,14 @@ class GenerateSettings:
 
 @dataclass(frozen=True, slots=True)
 class Generated:
-    """Scenarios that were written into a folder.
+    """Scenarios that were written to a folder.
 
     Attributes:
         template: Name of the template of all scenarios.
         scenarios: Scenarios by number, counted from 1.
         files: File of each scenario, by number.
-        refused: Scenarios for which the model gave no valid answer.
-        reworded: Reason why a given sentence is not used as the instruction; empty if it is used, or if a model wrote
+        refused: Scenarios that could not be written, because the model gave no valid answer.
+        reworded: Reason why a given sentence is not used as the instruction. Empty if it is used, or if a model wrote
             the scenarios.
     """
 
@@ -126,13 +126,15 @@ def generate_scenarios(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Generated:
-    """Write scenarios into a folder. The same settings give the same files, and repeating a call resumes the work.
+    """Write scenarios to a folder.
+
+    The same settings produce the same files. Repeating an interrupted call resumes it where it stopped.
 
     Args:
         settings: Settings of the scenarios.
         out: Folder for the scenarios.
         chat: Model to use instead of the model in the settings.
-        overwrite: Whether to replace files that betterbench did not write or that have changed since.
+        overwrite: Whether to replace files that betterbench did not write, or that were changed after it wrote them.
         on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
     Raises:
@@ -195,7 +197,7 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
 
 
 def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -> None:
-    """Write the settings from which a folder is generated.
+    """Write the settings used to generate a folder.
 
     Without ``overwrite``, a folder that has other settings or more scenarios is rejected.
     """
@@ -211,13 +213,13 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
         number = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder").get("num")
         if type(number) is int and number > settings.count:
             problem = f"{out}: this folder contains {number} scenarios, not {settings.count}"
-            raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
+            raise RunConflictError(f"{problem}. Use --num {number} or more, or choose another folder.")
         changed = ("num",) if type(number) is int else ()
     write_settings(out, form, overwrite=overwrite, changed=changed)
 
 
 def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, changed: Collection[str] = ()) -> None:
-    """Write a file with the settings from which the content of a folder is generated.
+    """Write a file with the settings used to generate the content of a folder.
 
     Args:
         out: Folder.

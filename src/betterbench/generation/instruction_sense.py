@@ -53,7 +53,7 @@ Found = tuple[str, str, str]
 
 
 def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
-    """Yield the problems of an instruction, each with the path of the field and a remedy.
+    """Yield the problems of an instruction, with the path of the field and a remedy for each problem.
 
     The rules for nouns are conservative. A known noun, and the last word of a phrase with an article, must occur in the
     description, query, name or tags of an object. The instruction may also name places ("the desk"), occasions ("the
@@ -71,7 +71,7 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 
 
 def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
-    """Yield the problems in the form of a sentence, each with its remedy.
+    """Yield the problems with the form of an instruction, each with a remedy.
 
     ``read`` is the sentence without the clauses about the direction of cutlery, since these do not count toward its
     length.
@@ -108,7 +108,7 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
 
 
 def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
-    """Return whether a text names each of the objects.
+    """Return whether an instruction names each of the objects.
 
     An object is named by a word that fits no other object, or by its noun together with its color.
     """

@@ -22,7 +22,7 @@ class Table:
     All slots are reachable, and visible with the margins of docs/framing.md.
 
     Attributes:
-        starts: Slots from which objects are picked. If there are several layouts, their slots follow each other.
+        starts: Slots that objects are picked from. The slots of several layouts are listed one after the other.
         stands: Slots for the target.
         besides: Slots for objects that are not moved.
     """
@@ -38,7 +38,7 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return a message if two objects of a condition may touch when their poses are jittered; otherwise None.
+    """Return a message if two objects of a condition may touch when their poses are jittered, or None.
 
     Containers, fixtures and elongated objects are represented by the rectangle of their bounding box. Other objects are
     represented by circles around their origin. Objects that start at a target are ignored.
@@ -53,7 +53,7 @@ def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
 
 
 def _gap_m(a: ObjectSpec, at: Slot, b: ObjectSpec, there: Slot) -> float:
-    """Return the smallest distance that two objects may have when their slots are jittered [m].
+    """Return the smallest possible distance between two objects when their slots are jittered [m].
 
     The distance is negative if the objects may overlap.
     """
@@ -74,7 +74,7 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
     """Return the center of the shape that represents an object in a slot, in the world frame [m].
 
-    It is the center of the bounding box for a rectangle, and the origin of the object for a circle.
+    This is the center of the bounding box for a rectangle, and the origin of the object for a circle.
     """
     if not _is_rectangle(spec):
         return slot.x, slot.y
@@ -86,8 +86,8 @@ def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
 def _half_sizes(spec: ObjectSpec, slot: Slot) -> tuple[tuple[float, float], float]:
     """Return the half sides of the rectangle that represents an object in a slot, and a radius around it [m].
 
-    The rectangle contains the object for any yaw jitter of the slot, and its radius is 0. An object that is represented
-    by a circle has sides of length 0 and the radius of the circle.
+    A rectangle is large enough for any yaw jitter of the slot, and the returned radius is 0. For a circle, the returned
+    sides are 0 and the radius is that of the circle.
     """
     size = footprint(spec.category)
     if not _is_rectangle(spec):

@@ -56,11 +56,11 @@ class Footprint:
             lengths: its longer horizontal side, and the extent of its shorter side and height as seen from above at
             this angle.
         layer_m: Smallest and largest height of the surface on which the next object of a stack stands [m].
-        grip_m: Width of the narrowest grasp of a variant, maximum over all variants [m]; None if a variant has no
+        grip_m: Width of the narrowest grasp of a variant, maximum over all variants [m]. None if a variant has no
             grasp.
-        low_m: Height of the highest grasp of a variant, minimum over all variants [m]; 0 if a variant has no grasp.
+        low_m: Height of the highest grasp of a variant, minimum over all variants [m]. 0 if a variant has no grasp.
         longish: Whether a variant is more than 1.5 times as long as it is wide.
-        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a
+        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]. None if a
             variant has no such region.
         regions: Names of the regions that all variants have.
     """
@@ -140,7 +140,7 @@ def _all_looks(category: str) -> tuple[Asset, ...]:
 
 
 def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
-    """Create the InvalidInputError that says why an object cannot be used in a task."""
+    """Create an InvalidInputError that explains why an object cannot be used in a task."""
     return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
 
 
@@ -175,8 +175,8 @@ def require_grasp(spec: ObjectSpec) -> None:
         cure = f"The gripper needs {mm(WIDEST_GRASP_M)} or less; choose a smaller object"
         raise refused(spec, f"is {mm(size.grip_m)} thick at its narrowest grasp", cure)
     if size.low_m < LOW_M:
-        cure = f"The gripper needs {mm(LOW_M)} or more; choose a higher object"
-        raise refused(spec, f"is held {mm(size.low_m)} above the table", cure)
+        cure = f"The gripper needs {mm(LOW_M)} or more; choose a taller object"
+        raise refused(spec, f"would be grasped {mm(size.low_m)} above the table", cure)
 
 
 def require_usable(objects: Iterable[ObjectSpec]) -> None:
@@ -195,7 +195,7 @@ def require_usable(objects: Iterable[ObjectSpec]) -> None:
 
 
 def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
-    """Check that no variant of an object is too long for the place where it is put.
+    """Check that no variant of an object is too long for the place where the object is put.
 
     Raises:
         InvalidInputError: If a variant is longer than ``most_m``.
@@ -206,7 +206,7 @@ def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
 
 
 def foot_of(asset: Asset) -> tuple[float, float]:
-    """Return x and y of the center of an asset's base, in the frame of the asset [m]."""
+    """Return the x and y coordinates of the center of an asset's base, in the frame of the asset [m]."""
     for region in asset.regions:
         if region.name == "base":
             return region.position[0], region.position[1]
@@ -277,7 +277,7 @@ def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
 
 @functools.lru_cache(maxsize=4096)
 def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
-    """Return the maximum height of an asset's collision shape, between two distances from its vertical axis [m]."""
+    """Return the maximum height of a collision shape within a range of distances from the asset's vertical axis [m]."""
     points = (point for part in asset.collision for point in _surface(part))
     return max((z for x, y, z in points if near_m <= math.hypot(x, y) <= far_m), default=0.0)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DescribedObject:
-    """Object of a scenario for which no asset has been chosen yet.
+    """Object of a scenario, before an asset is chosen for it.
 
     Attributes:
         description: Appearance in words ("a shiny red apple").

@@ -1,8 +1,8 @@
 """JSON form of scenarios, with the fields of the prompt in the paper (appendix B.1).
 
 Answers of a language model contain only the fields of the paper. Stored scenarios also contain the format version and
-the template. Texts may contain only letters, digits and plain punctuation, because they come from a model and must not
-contain markup, control characters or paths.
+the template. Strings may contain only letters, digits and plain punctuation, because they come from a model and must
+not contain markup, control characters or paths.
 """
 
 from collections.abc import Mapping
@@ -37,9 +37,9 @@ _PUNCTUATION = frozenset(" ,.'-()%:")
 
 
 def plain_text(text: str) -> str:
-    """Check that a text contains only Latin letters, digits and plain punctuation, and return it.
+    """Check that a string contains only Latin letters, digits and plain punctuation, and return it.
 
-    Raise ValueError for any other text.
+    Raise ValueError for any other string.
     """
     for letter in text:
         latin = letter.isalpha() and letter <= "\u024f"
@@ -107,7 +107,7 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as a JSON-serializable dict in the form of a model's answer.
+    """Return a scenario as a JSON-serializable dict, like the one in a model's answer.
 
     It contains only the fields that the paper defines.
     """

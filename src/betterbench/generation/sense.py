@@ -3,7 +3,7 @@
 Each problem is a sentence that begins with the path of the field. It can be sent back to the model that wrote the
 scenario. The scenario has to meet these requirements:
 
-- the groups are those of the template, have allowed numbers of objects, and instance names are unique;
+- the groups are those of the template, each has an allowed number of objects, and instance names are unique;
 - each object belongs to an allowed type of its group, and the items of a group belong together;
 - sizes and masses are usual for the kind of object, items fit the gripper and the container, and the arm can lift them;
 - the instruction (:mod:`~betterbench.generation.instruction_sense`) is one imperative sentence about existing objects,
@@ -64,7 +64,7 @@ def sense_problems(
 
     Args:
         scenario: Scenario to check.
-        where: Location of the scenario, with which the paths of fields begin.
+        where: Location of the scenario, used as a prefix for the paths of fields.
         mixed: Whether items of different domains (such as food and office supplies) may be in one group, because the
             user named these objects.
 
@@ -207,6 +207,6 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
 def gripper_opening_m() -> float:
     """Return the maximum opening of the gripper [m].
 
-    It is that of the default robot, for which generated tasks are designed.
+    This is the opening of the default robot's gripper, because generated tasks are designed for this robot.
     """
     return robot(USUAL_ROBOT).gripper_opening_m

@@ -39,7 +39,7 @@ RESULTS = frozenset(_RESULTS_WORDS.split())
 """Nouns for the result of stacking layers."""
 
 _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
-"""Nouns whose plural may mean a single object, as "napkins" for a stack of napkins."""
+"""Nouns whose plural may mean a single object, such as "napkins" for a stack of napkins."""
 
 
 def raw_tokens(text: str) -> list[str]:
@@ -53,7 +53,7 @@ def sentence_tokens(text: str) -> list[str]:
 
 
 def is_plural_form(word: str) -> bool:
-    """Return whether a noun is a plural that means several objects, such as "mugs" and "mice" but not "fries"."""
+    """Return whether a noun is a plural for several objects, such as "mugs" and "mice" but not "fries"."""
     one = singular(word)
     return word != one and (word.endswith("s") or word in ("mice", "dice")) and one not in _PLURAL_ONLY
 
@@ -63,7 +63,7 @@ NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word in the noun phrase whose noun is at a position, or an empty string if there is none."""
+    """Return the number word that belongs to the noun at a position, or an empty string if there is none."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word
@@ -75,7 +75,7 @@ def number_before(raw: list[str], at: int) -> str:
 def words_of_object(described: DescribedObject) -> frozenset[str]:
     """Return the words that may name an object.
 
-    They come from its query, name and tags, and from its description up to the word "with".
+    They are taken from its query, its name, its tags, and the part of its description before the word "with".
     """
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")

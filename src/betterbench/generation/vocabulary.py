@@ -1,8 +1,8 @@
 """Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
 It is used to check scenarios that a model wrote: whether each object belongs to its group, and whether the instruction
-names a missing object. The vocabulary is deliberately small. If the noun of an object is unknown, the object is
-accepted in a group if one of its tags names an allowed type.
+names a missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in a group if
+one of its tags names an allowed type.
 """
 
 from __future__ import annotations
@@ -135,9 +135,9 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns of a type as tuples of words, including the name of the type.
+    """Return the nouns that can refer to a type, as tuples of words.
 
-    An unknown type has only its name.
+    They include the name of the type. For an unknown type, return only its name.
     """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
@@ -150,14 +150,14 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective noun includes, such as "apple" for "fruit"; empty for any other noun."""
+    """Return the nouns that a collective noun includes, such as "apple" for "fruit". Empty for any other noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """Return the known nouns in a list of words, each with the index of its first word.
+    """Return the known nouns in a list of words, with the index of the first word of each noun.
 
-    Longer matches are preferred.
+    Longer nouns are preferred.
     """
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
@@ -175,8 +175,8 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
 def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     """Return the known nouns that name a described object.
 
-    This is the last noun before "with", "in", "of" and similar words, as "mug" in "a red mug with an apple on it".
-    After a measure noun, the measured noun is included, as "cheese" in "a slice of cheese".
+    This is the last noun before "with", "in", "of" and similar words, such as "mug" in "a red mug with an apple on it".
+    After a measure noun, the measured noun is included, such as "cheese" in "a slice of cheese".
     """
     words = terms(text)
     ends = next((i for i, word in enumerate(words) if word in _ENDS_THE_HEAD), len(words))
@@ -197,8 +197,7 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    The object is judged from a known noun in its description. If there is none, one of its tags must name an allowed
-    type.
+    This is decided by a known noun in its description. If there is none, one of its tags must name an allowed type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))
@@ -209,7 +208,7 @@ def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
 
 
 def domain_of(text: str) -> str:
-    """Return the domain of an item ("food"); empty if the item fits every domain."""
+    """Return the domain of an item ("food"), or an empty string if the item fits every domain."""
     for head in head_nouns(text):
         for domain, nouns in _DOMAINS.items():
             if head in _phrases(nouns):

@@ -1,4 +1,4 @@
-"""Words in instructions by which an object can be identified."""
+"""Words that identify an object in an instruction."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """Return a word for each kind of object that distinguishes it from the other kinds.
+    """For each kind of object, return a word that distinguishes it from the other kinds.
 
-    This is its noun, its first word, or its full name.
+    This is the noun, the first word, or the full name of the kind.
     """
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}
@@ -22,7 +22,7 @@ def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
 
 
 def words_and_noun(items: Iterable[ObjectSpec]) -> tuple[dict[str, str], str | None]:
-    """Return the distinguishing word of each item by the item's name, and the noun that all items share.
+    """Return a distinguishing word for each item, by the name of the item, and the noun that all items share.
 
     For the kinds "red mug" and "blue mug", the words are "red" and "blue" and the noun is "mug". If there is no common
     noun, each word is the complete kind, and the noun is None.

@@ -1,4 +1,4 @@
-"""Questions about images with answers that follow from records, and comparison of a model's knowledge with a policy.
+"""Questions about images, with answers from records, and comparison of a model's knowledge with a policy's actions.
 
 - ``types``: one file per type of question. ``phrasings`` and ``nouns`` contain the wording, and ``difficulty`` the
   levels of difficulty.
@@ -6,7 +6,7 @@
   answers.
 - ``asking``, ``scoring``, ``blind``, ``llm``: the answers of a model, their scores, and baselines that do not see the
   image.
-- ``knowing``: whether a model knew the right decision in the trials in which the policy failed.
+- ``knowing``: whether a model knew the right decision in the trials where the policy failed.
 """
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of

@@ -1,4 +1,4 @@
-"""Requests to a model, and scores of its answers by type of question.
+"""Functions that send questions to a model and score its answers by type of question.
 
 :func:`ask_all` is the only function that sends requests to a vision-language model. ``better vqa --ask``, ``better
 vlm`` and the extractor of ``better vlm`` use it, and all of them write answer files in the same format.
@@ -45,21 +45,21 @@ _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
 """Text with which the first line of an answer file begins."""
 MOST_AT_ONCE = 256
-"""Largest number of requests that are sent at the same time."""
+"""Maximum number of requests that are sent at the same time."""
 _MOST_AHEAD = 64
-"""Largest number of answers that wait for the answer to an earlier request.
+"""Maximum number of answers that wait for the answer to an earlier request.
 
 They wait because answers are written in the order of the requests.
 """
 _SYNC_WITHIN_S = 1.0
-"""Longest time until an answer is forced to disk [s].
+"""Maximum time until an answer is flushed to disk [s].
 
 A flush takes 4 ms, so that flushing after each answer would limit a run to 250 answers per second. A process that is
 killed loses nothing. A power failure may lose the answers of this interval.
 """
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
-"""Largest number of characters of a stored answer. Of a longer answer, only the start and the end are stored."""
+"""Maximum length of a stored answer [characters]. Only the start and the end of a longer answer are stored."""
 
 _LINES = {
     Form.YES_NO: "Answer with Yes or No only.",
@@ -72,7 +72,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the sentence of the prompt that asks for an answer of a certain form."""
+    """Return the sentence of the prompt that states the form in which to answer."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -122,7 +122,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of an answer file, which identifies the model and the question set.
+    """First line of an answer file. It identifies the model and the question set.
 
     Attributes:
         model: Name of the model.
@@ -157,12 +157,12 @@ _CURE = "Correct the file if you wrote it, or write the answers to a different f
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of a model to a question set. A question without an answer counts as answered incorrectly.
+    """Answers of a model to a question set. A question without an answer is counted as answered incorrectly.
 
     Attributes:
         head: First line of the answer file.
         answers: Answers by the identifier of the question.
-        changed: Number of the first line whose checksum is wrong, or 0 if all checksums are correct.
+        changed: Number of the first line with a wrong checksum, or 0 if all checksums are correct.
     """
 
     head: AnswersHead
@@ -208,7 +208,7 @@ class Score:
 
 
 class _AnswerFile(LineJournal):
-    """File to which answers are appended as they arrive. Each line has a checksum."""
+    """Append-only file of answers. Each line has a checksum."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
@@ -221,7 +221,7 @@ class _AnswerFile(LineJournal):
             found = _parsed(lines, self._path)
             if replace(found.head, seal=None) != self.head:
                 raise RunConflictError(
-                    f"{self._path}: contains answers of {found.head.model!r} to a different set, or with different "
+                    f"{self._path} contains answers of {found.head.model!r} to a different set, or with different "
                     f"coordinates. Choose a different file."
                 )
             _require_unchanged(found, self._path)
@@ -230,7 +230,7 @@ class _AnswerFile(LineJournal):
     def append(self, answer: ModelAnswer) -> None:
         """Append an answer to the file.
 
-        Answers that arrive within one second of each other are flushed to disk together.
+        Answers are flushed to disk together if they arrive within one second.
         """
         self._append_line(_sealed(self.head, answer), within_s=_SYNC_WITHIN_S)
         self.known[answer.id] = answer
@@ -284,10 +284,10 @@ def ask_all(
         requests: Requests, by identifier.
         model: The model.
         head: First line of the file, with model, set and coordinate convention.
-        file: Answer file, which is continued if it exists.
+        file: Answer file. If it exists, answers are appended to it.
         at_once: Number of requests that are sent at the same time.
         overwrite: Whether to replace a file with other content.
-        verb: Verb of the command that writes the file, for error messages.
+        verb: Subcommand that writes the file, for error messages.
         on_progress: Called with the number of answers and the number of requests.
 
     Raises:
@@ -322,7 +322,7 @@ def ask_all(
 def is_answers(file: Path) -> bool:
     """Return whether a file looks like an answer file. The result is False if the file is missing.
 
-    If a process was killed while it wrote the first line, the incomplete line is recognized by its beginning.
+    If a process was killed while writing the first line, the incomplete line is recognized by its beginning.
 
     Raises:
         OSError: If the file cannot be read.
@@ -338,7 +338,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether new answers can be appended to a file, because it has the same first line or is empty."""
+    """Return whether new answers can be appended to a file. It must be empty or have the same first line."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 
@@ -387,11 +387,11 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         RecordError: If the file cannot be read or is malformed.
         InvalidInputError: If the answers belong to a different set.
     """
-    cure = _CURE if file.exists() else "Give the file that better vqa SET --ask wrote"
+    cure = _CURE if file.exists() else "Pass the file written by `better vqa SET --ask`"
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     lines = [line for line in raw.removeprefix(codecs.BOM_UTF8).split(b"\n") if line.strip()]
     if not lines:
-        raise RecordError(f"{file}: is empty. {_CURE}.")
+        raise RecordError(f"{file} is empty. {_CURE}.")
     if len(lines) > len(asked.questions) + 1:
         problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
         raise InvalidInputError(str(file), problem, "Use a file with one answer per question of that set")
@@ -406,12 +406,12 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         raise InvalidInputError(
             str(file),
             f"contains answers to a different set than {asked.path}",
-            "Use the set for which the answers were given",
+            "Use the question set to which the answers belong",
         )
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
         raise RecordError(
-            f"{file}: contains an answer to {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}."
+            f"{file} contains an answer to {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}."
         )
     _require_unchanged(found, file)
     return found
@@ -426,7 +426,7 @@ def read_stored_answers(file: Path) -> Answers:
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=_CURE, raises=RecordError)
     lines = [line for line in raw.split(b"\n") if line.strip()]
     if not lines:
-        raise RecordError(f"{file}: is empty. {_CURE}.")
+        raise RecordError(f"{file} is empty. {_CURE}.")
     found = _parsed(lines, file)
     _require_unchanged(found, file)
     return found
@@ -450,7 +450,8 @@ def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
 def _require_unchanged(found: Answers, file: Path) -> None:
     if found.changed:
         raise RecordError(
-            f"{file}, line {found.changed}: was changed after it was written: its checksum does not match. {_CURE}."
+            f"{file}: the checksum of line {found.changed} does not match, so it was changed after it was written. "
+            f"{_CURE}."
         )
 
 
@@ -469,7 +470,7 @@ def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
     """Return the scores of a model for each part of a set and for the whole set.
 
     The parts are the types of questions, the forms of answer within the type "grounding", and the levels of difficulty.
-    Questions whose answer is missing or cannot be parsed count as answered incorrectly.
+    A question is counted as answered incorrectly if its answer is missing or cannot be parsed.
     """
     baselines = {b.name: b for b in asked.baselines}
     found = []

@@ -3,9 +3,9 @@
 Questions belong to the same group if their wording gives the same information, i.e. if they have the same family and
 are about the same objects. Within a group, every answer that is kept occurs equally often. Therefore, no rule that uses
 only the text is better than guessing. A group with only one answer is left out, because it could be answered without
-the image. Boxes and points are balanced over cells of the image. As far as possible, all types of questions have the
-same number of questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type
-together. Questions are selected by hashes of their text and frame, never by their answer.
+the image. Boxes and points are balanced over cells of the image. If possible, all types have the same number of
+questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type together.
+Questions are selected by hashes of their text and frame, never by their answer.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import TypeVar
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
 LEAST_CELLS = 10
-"""Smallest number of image cells over which the boxes or points for one kind of object must be spread."""
+"""Minimum number of image cells over which the boxes or points for one kind of object must be spread."""
 MOST_ALIKE = 2
-"""Largest number of questions with the same answer about the same objects, for each trial and camera.
+"""Maximum number of questions with the same answer about the same objects, for each trial and camera.
 
-The number is limited because successive frames are nearly equal.
+The number is limited because successive frames are almost identical.
 """
 
 
@@ -40,7 +40,7 @@ class Chosen:
     Attributes:
         candidate: The question.
         answers: Answers that are kept in the group, sorted.
-        turn: Index of the question among the questions of the group with the same answer. Cross-validation keeps
+        turn: Index of the question among those questions of its group that have the same answer. Cross-validation keeps
             questions with the same turn together, so that each fold is as balanced as the whole set.
     """
 
@@ -50,7 +50,7 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Remove questions that are nearly equal to another question about the same trial.
+    """Keep at most :data:`MOST_ALIKE` of several questions that are almost identical.
 
     The remaining questions are returned in the order of their identifiers.
     """
@@ -63,7 +63,9 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 
 
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
-    """Return about ``count`` questions with balanced answers and, as far as possible, equally many of each type.
+    """Return about ``count`` questions with balanced answers.
+
+    If possible, there are equally many questions of each type.
 
     If there are too few questions of a type, the other types get more. The kinds within a type are treated in the same
     way, except that no kind has more questions than all other kinds together. Within a kind, questions are taken from
@@ -119,7 +121,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Divide the questions of a group into rounds, each with one question for each answer.
+    """Divide the questions of a group into rounds. Each round has one question for each answer.
 
     The result is empty if there are too few different answers.
     """

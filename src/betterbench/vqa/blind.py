@@ -1,4 +1,4 @@
-"""Baselines that answer without seeing the image: the most frequent answer, and naive Bayes on the question's words.
+"""Baselines that do not see the image: the most frequent answer, and naive Bayes on the words of the question.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words, with add-one smoothing. See
 McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by
@@ -27,7 +27,7 @@ from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 FOLDS = 5
 """Number of folds in the cross-validation."""
 TARGET_POINTS = 5.0
-"""Largest excess of the blind classifier over chance with which a type still counts as balanced [percentage points]."""
+"""Maximum amount by which the blind classifier may exceed chance for a type of question [percentage points]."""
 
 
 @open_form
@@ -39,9 +39,9 @@ class Baseline:
         name: Name of the type.
         n: Number of questions.
         blind: Number of correct answers of the classifier.
-        majority: Number of questions whose correct answer is the most frequent answer.
+        majority: Number of questions that are answered correctly by the most frequent answer.
         chance: Expected fraction of correct answers if each question is answered with a random answer from its group.
-            For boxes and points, this is the fraction of questions for which the best constant answer is correct.
+            For boxes and points, this is the fraction of questions that the best constant answer gets right.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Baseline:
 
     @property
     def excess_points(self) -> float:
-        """Fraction of correct answers of the classifier minus the fraction expected by chance [percentage points]."""
+        """How much the classifier's accuracy exceeds the accuracy expected by chance [percentage points]."""
         return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
 
     @property
@@ -87,8 +87,7 @@ def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Basel
 
     Args:
         questions: Questions of the set.
-        turns: Turn of each question among the questions of its group with the same answer, see
-            :class:`~betterbench.vqa.balance.Chosen`.
+        turns: Attribute ``turn`` of each question, see :class:`~betterbench.vqa.balance.Chosen`.
     """
     right = blind_right(questions, turns)
     constant = _constant_right(questions)
@@ -180,9 +179,9 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is correct for as many of the given questions as possible.
+    """Return the answer that is correct for the largest number of the given questions.
 
-    For boxes and points, this is the box or point that matches as many correct answers as possible.
+    For boxes and points, this is the box or point that matches the largest number of correct answers.
     """
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)

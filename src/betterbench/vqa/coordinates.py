@@ -27,8 +27,8 @@ class Convention:
     Attributes:
         name: Name of the convention.
         order: "xy" for column before row, "yx" for row before column.
-        side: Value of a coordinate at the far edge of the image. None if coordinates are pixels of the image as it was
-            sent.
+        side: Value of a coordinate at the far edge of the image. None if coordinates are in pixels of the image that
+            was sent.
         form: Written form: tuples of numbers, JSON objects, or XML tags.
         unit: Unit in words, for prompts. It may contain ``{width}`` and ``{height}``.
         models: Models that answer in this convention.

@@ -1,6 +1,6 @@
 """Creation of question sets from the records of a run.
 
-The creation can be interrupted and resumed, and the bytes of the set remain the same.
+The creation can be interrupted and resumed. The resulting set is byte-for-byte the same.
 
 While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials have been
 processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
@@ -84,15 +84,15 @@ CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras of the images. Questions do not name the camera, so that it gives no hint about positions in the image."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
-"""Largest number of questions in a set, and largest number of frames per trial."""
+"""Maximum number of questions in a set, and maximum number of frames per trial."""
 SET_NAME = "set.json"
 """Name of the file that describes a question set."""
 SIZES_PX = 32, 4096
-"""Smallest and largest side of the images [pixel]."""
+"""Minimum and maximum side length of the images [pixel]."""
 
 _MAX_BYTES = 1 << 30
 _MAX_CANDIDATE_BYTES = 1 << 28
-"""Largest size of the unpacked candidates of one trial [bytes]."""
+"""Maximum size of one trial's candidates after unpacking [bytes]."""
 _CURE = "Make the set again in a new folder"
 _ANEW = "Delete the file and run the same command again"
 
@@ -110,13 +110,13 @@ class Photo(Protocol):
 
 
 class PhotoSource(Protocol):
-    """Source of images of recorded trials, which are rendered on demand or were rendered before."""
+    """Source of images of recorded trials. The images are rendered on demand, or were rendered earlier."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, with the objects that are visible in it."""
+        """Return the image from a camera at a row of a record, with the objects that are visible in it."""
 
     def stop(self) -> None:
-        """Stop all rendering threads soon, by raising an error in each of them."""
+        """Make all rendering threads stop soon by raising an error in each of them."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -137,7 +137,8 @@ class SetOptions:
 
     Attributes:
         questions: Approximate number of questions, or 0 for the largest balanced set.
-        frames: Number of frames per trial, one from each of equally long parts, or 0 for all frames.
+        frames: Number of frames per trial, or 0 for all frames. The trial is divided into as many equally long parts,
+            and one frame is taken from each.
         cameras: Cameras of the images.
         size: Side of the images [pixel].
         quality: Render quality of the images.
@@ -175,7 +176,7 @@ class QuestionSet:
         purpose: "test" if the records have evaluation seeds, so that the set must not be used for training. Otherwise
             "training".
         questions: The questions.
-        baselines: Number of questions that are answered correctly without the images, by type.
+        baselines: Number of questions of each type that are answered correctly without the images.
         sha256: SHA-256 of ``questions.jsonl``.
         records: SHA-256 of the record of each trial that was used, by trial name. Empty for older sets.
         images: SHA-256 of each image, by path. Empty for older sets.
@@ -201,7 +202,7 @@ class QuestionSet:
         data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
         known = self.images.get(place, "") if self.images else None
         if known not in (None, hashlib.sha256(data).hexdigest()):
-            raise RecordError(f"{file}: was changed after the set was made. {_CURE}.")
+            raise RecordError(f"{file} was changed after the question set was made. {_CURE}.")
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
@@ -215,12 +216,12 @@ class QuestionSet:
         """Check that the set was made from the same records that the run contains now.
 
         Raises:
-            InvalidInputError: If a record of the run differs from the record from which the set was made.
+            InvalidInputError: If a record of the run differs from the one that the set was made from.
         """
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
                 problem = f"the record of {entry.key} in {run.path} is not the record from which the set was created"
-                raise InvalidInputError(str(self.path), problem, "Use the set that better vqa created from this run")
+                raise InvalidInputError(str(self.path), problem, "Use the set that `better vqa` created from this run")
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict that describes the set without its questions."""
@@ -303,7 +304,7 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
-    """Return the purpose for which questions may be used: "test" or "training", depending on the seeds of the trials.
+    """Return what the questions may be used for: "test" or "training", depending on the seeds of the trials.
 
     Raises:
         InvalidInputError: If the trials mix seeds of demonstrations and of evaluation.
@@ -319,7 +320,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of a run's plan, which identifies the run."""
+    """Return a hash of a run's plan, to identify the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 
@@ -331,7 +332,7 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Context in which the folder of a set is locked. It yields whether the set is already complete.
+    """Context manager that locks the folder of a set, and yields whether the set is already complete.
 
     The plan of the set is written if it does not exist yet. Raises the same errors as :func:`make_set`.
     """
@@ -407,7 +408,7 @@ def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource
 
 
 def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
-    """Encode candidates as a file of compressed lines with a checksum. Equal candidates give equal bytes."""
+    """Serialize candidates to compressed lines with a checksum. Identical candidates produce identical bytes."""
     buffer = io.BytesIO()
     with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as packed:
         packed.write(sealed_lines(b"".join(dump_json(c.to_json()) + b"\n" for c in candidates)))
@@ -429,9 +430,9 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
         with gzip.GzipFile(fileobj=io.BytesIO(raw)) as unpacked:
             data = unpacked.read(_MAX_CANDIDATE_BYTES + 1)
     except (OSError, EOFError, ValueError, zlib.error) as error:
-        raise RecordError(f"{file}: cannot be read ({one_line(error, most=200)}). {_ANEW}.") from error
+        raise RecordError(f"{file} cannot be read ({one_line(error, most=200)}). {_ANEW}.") from error
     if len(data) > _MAX_CANDIDATE_BYTES:
-        raise RecordError(f"{file}: unpacks to more than {_MAX_CANDIDATE_BYTES} bytes. {_ANEW}.")
+        raise RecordError(f"{file} unpacks to more than {_MAX_CANDIDATE_BYTES} bytes. {_ANEW}.")
     for line in open_sealed_lines(data, where=str(file), cure=_ANEW, raises=RecordError):
         yield read_form(CANDIDATE, line, where=str(file), cure=_ANEW, raises=RecordError, sealed=True)
 
@@ -439,8 +440,8 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 def _question(chosen: Chosen, options: SetOptions) -> Question:
     """Complete a selected question with its text and options.
 
-    All questions of a group that have the same turn get the same phrasing. Each answer occurs once among these
-    questions, so that the phrasing does not reveal the answer.
+    Questions with the same group and the same turn get the same phrasing. Each answer occurs once among them, so the
+    phrasing does not reveal the answer.
     """
     candidate, answers = chosen.candidate, chosen.answers
     spatial = candidate.form in (Form.BOX, Form.POINT)
@@ -466,7 +467,7 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Make a question of a set from a candidate (a question without its wording and options).
+    """Create the final question from a candidate by adding a wording and options.
 
     For the arguments, see :class:`Question`.
     """
@@ -535,7 +536,7 @@ COLUMNS = {
     "time_s": "number", "camera": "text", "width": "integer", "height": "integer", "box": "integers",
     "runs": "integers",
 }  # fmt: skip
-"""Columns of ``questions.parquet``, each with the kind of value."""
+"""Columns of ``questions.parquet``, each with the type of its values."""
 
 
 def _row(question: Question) -> dict[str, Any]:
@@ -567,14 +568,14 @@ def read_set(folder: Path) -> QuestionSet:
     """
     if not (folder / "summary.json").exists():
         raise RecordError(
-            f"{folder}: contains no complete question set. Create one with better vqa RUN --out {folder}."
+            f"{folder} contains no complete question set. Create one with `better vqa RUN --out {folder}`."
         )
     form = _sealed(folder / "summary.json")
     summary = read_form(_SUMMARY, form, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
     file = folder / "questions.jsonl"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     if hashlib.sha256(data).hexdigest() != summary.sha256:
-        raise RecordError(f"{file}: was changed after it was written. {_CURE}.")
+        raise RecordError(f"{file} was changed after it was written. {_CURE}.")
     questions = tuple(
         read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
         for n, line in enumerate(data.splitlines(), start=1)
@@ -584,7 +585,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the hashes of the records from which a set was made, or an empty dict if they are not stored."""
+    """Return the hashes of the records that a set was made from, or an empty dict if they are not stored."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

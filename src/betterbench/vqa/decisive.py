@@ -52,7 +52,7 @@ from betterbench.vqa.types.relation import yes
 TIMES_ASKED = 2
 """Number of times that each question is asked, each time with different wording."""
 MOST_OPTIONS = 6
-"""Largest number of boxes or objects that are offered as options."""
+"""Maximum number of boxes or objects that are offered as options."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time from a release until the gripper has left the object and the next decision begins [s]."""
@@ -96,7 +96,7 @@ class DecisiveOptions:
     """Options of a set of questions about decisive moments.
 
     Attributes:
-        cameras: Cameras, which are tried in order until one of them shows the objects of a question.
+        cameras: Cameras to try in order, until one of them shows the objects of a question.
         size: Side of the images [pixel].
         quality: Render quality of the images.
         seed: Seed of the wordings and of the order of options.
@@ -186,7 +186,7 @@ def _read(file: Path) -> list[Question]:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Draft of a question, with its type, role, options, and the moment that it is about."""
+    """Draft of a question, with its type, its role, its options, and its moment in the trial."""
 
     draft: QuestionDraft
     type: QuestionType
@@ -237,12 +237,12 @@ def _first(found: Iterator[_Asked | None]) -> _Asked | None:
 def decisive_rows(
     episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
 ) -> tuple[tuple[int, int] | None, int]:
-    """Return the row of a trial's decisive attempt, and the row at which the policy began to decide on it.
+    """Return the row of a trial's decisive attempt, and the row where the policy began to decide.
 
     Returns:
         The row and the object index of the decisive attempt, or None if no object was attempted. The second value is
-        the row at which the decision began. This is the start of the trial, or the row at which the gripper had left
-        the previous object.
+        the row where the decision began. This is the start of the trial, or the row where the gripper had left the
+        previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -291,7 +291,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question that asks what the next step is, in a condition in which no step is left to do."""
+    """Return the question that asks what the next step is, for a condition where no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -336,7 +336,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
     """Return the question that asks whether an object is present.
 
-    If ``present`` is True, this is the requested object, otherwise an absent object that could be meant.
+    If ``present`` is True, the question is about the requested object, otherwise about an absent object.
     """
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
@@ -396,6 +396,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the correct option among the options of a question in its first wording."""
+    """Return the index of the correct option in the first wording of a question."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

@@ -1,4 +1,4 @@
-"""Difficulty of questions, which depends on how many tags of a question make it harder."""
+"""Difficulty of a question, which depends on how many of its tags make it harder."""
 
 from __future__ import annotations
 

@@ -23,13 +23,13 @@ REACH_M = 0.10
 Slots are 12 cm apart.
 """
 NEAREST_BY_M = 0.03
-"""How much nearer the object must be to the gripper than every other object, so that the image shows the target [m]."""
+"""Minimum amount by which an object must be nearer to the gripper than all others, to be its visible target [m]."""
 CARRY_M = 0.03
 """Height above its previous support from which an object is visibly carried [m]."""
 
 
 class Act(StrEnum):
-    """Activity of the robot, as far as it can be seen in an image."""
+    """Activity of the robot that can be seen in an image."""
 
     REACHING = "reaching"
     CARRYING = "carrying"
@@ -37,7 +37,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, with the index of the object that it handles."""
+    """Activity of the robot, with the index of the handled object."""
 
     act: Act
     object: int
@@ -92,7 +92,7 @@ class Episode:
         return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
 
     def out_of_place(self, i: int) -> bool:
-        """Return whether an object starts in a slot in which only other kinds of objects stood in training.
+        """Return whether an object starts in a slot where only other kinds of objects stood in training.
 
         This happens if the object was exchanged with another, or if it is a look-alike.
         """
@@ -103,7 +103,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether a different object starts in a slot in which this kind of object stood in training.
+        """Return whether a different object starts in a slot where this kind of object stood in training.
 
         If so, the absence of this kind is hard to notice.
         """
@@ -138,7 +138,7 @@ def kinds_of(task: str) -> tuple[str, ...]:
 
 @functools.cache
 def kinds_in_numbers() -> tuple[str, ...]:
-    """Return the kinds of objects of which some condition of the suite contains more than one, sorted."""
+    """Return, sorted, the kinds of objects that occur more than once in at least one condition of the suite."""
     found = set()
     for task in suite_tasks("better60"):
         for name in condition_names(get_task(task)):
@@ -150,7 +150,7 @@ def kinds_in_numbers() -> tuple[str, ...]:
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
     """Return ``count`` rows of an episode, one from each of ``count`` equally long parts.
 
-    All rows are returned if ``count`` is 0, or if there are not more than ``count`` rows.
+    If ``count`` is 0, or if there are at most ``count`` rows, return all rows.
     """
     if count == 0 or count >= rows:
         return range(rows)

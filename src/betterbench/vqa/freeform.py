@@ -1,4 +1,4 @@
-"""Descriptions and questions written by a model, which are kept only if the recorded state proves their claims.
+"""Descriptions and questions written by a model. They are kept only if the recorded state proves their claims.
 
 The model gets an image and the names of objects that may be in it. It replies with descriptions and with pairs of a
 question and an answer, each with its claims in a small formal language. A text is kept if every claim can be decided
@@ -73,7 +73,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words about positions and states, each with the claims of which a text with this word must make one."""
+"""Words about positions and states. A text with such a word must make one of the claims listed for it."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [
@@ -132,7 +132,7 @@ class StateClaim:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """Description of an image, or answer to a question about an image, with the claims that the text makes."""
+    """Description of an image, or answer to a question about it, with the claims made in this text."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
     claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
@@ -187,8 +187,9 @@ def describe_images(
 ) -> Described:
     """Have a model describe images from a set and write questions, and keep the texts that the state proves.
 
-    The results for each image are stored in ``descriptions/``, so that an interrupted command resumes where it stopped.
-    Texts that are kept are written to the set's ``descriptions.jsonl``, in LLaVA's conversation format.
+    The results for each image are stored in ``descriptions/``, so that running an interrupted command again resumes it
+    where it stopped. Texts that are kept are written to the set's ``descriptions.jsonl``, in LLaVA's conversation
+    format.
 
     Raises:
         ModelError: If the model cannot be reached.
@@ -246,7 +247,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return the texts of a model about one image that are kept, and the reasons for which the others were dropped."""
+    """Return a model's texts about one image that are kept, and the reasons for dropping the others."""
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -298,7 +299,7 @@ _MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:
-    """Return the prompt with which a model is asked about an image."""
+    """Return the prompt that asks a model about an image."""
     names = ", ".join(sorted({*moment.single, *moment.episode.vocabulary}))
     language = "\n".join(f'- "{says}": {meaning}' for says, meaning in CLAIMS.items())
     return (
@@ -312,7 +313,7 @@ def prompt_of(moment: Moment) -> str:
 
 
 def parsed_texts(said: str) -> list[ModelText]:
-    """Return the texts in a model's reply, which may be inside a Markdown code fence.
+    """Return the texts in a model's reply. The reply may be inside a Markdown code fence.
 
     Raises:
         RecordError: If the reply does not have the requested form.
@@ -326,7 +327,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return all claims about a moment that can be decided from the recorded state, each with True if it holds."""
+    """Return all claims about a moment that can be decided from the recorded state, mapped to their truth values."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -335,7 +336,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims whose truth follows from the answer to a question, each with True if it holds."""
+    """Return the claims that the answer to a question decides, as pairs of a claim and its truth value."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":

@@ -57,7 +57,7 @@ class TrialKnowledge:
         standing: Relation between the model's knowledge and the policy's action.
         roles: For each role of questions (such as "where") with answers, whether all of its questions were answered
             correctly.
-        deciding: Roles whose answers show whether the model knew the right decision. They depend on the label.
+        deciding: Roles of the questions that show whether the model knew the right decision. They depend on the label.
         chance: Probability of answering all deciding questions correctly without an image. This is the probability of
             guessing them or of inferring them from the wording, whichever is larger.
         task: Name of the task. In files of earlier versions, this field and the next two are empty.
@@ -87,7 +87,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """Number of trials with one label, divided by what the model knew and what the policy did.
+    """Numbers of trials with one label, broken down by what the model knew and what the policy did.
 
     Attributes:
         label: Outcome label.
@@ -118,7 +118,7 @@ class LabelKnowledge:
 
     @property
     def knows(self) -> Rate:
-        """Fraction of the trials with answers in which the model knew the right decision."""
+        """Fraction of trials where the model knew the right decision, among the trials with answers."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
@@ -167,7 +167,7 @@ class Knowledge:
         return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials with a given standing, among all, only failed, or only solved trials."""
+        """Return the number of trials with a given standing. If requested, count only failed or only solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
@@ -218,14 +218,14 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
             by_trial.setdefault(q.source.trial, []).append(q)
     trials = [t for t in diagnosis.counted_trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
-        cure = "Make a set with better vqa --run RUN --out SET, and have the model answer it"
+        cure = "Make a set with `better vqa --run RUN --out SET`, and have the model answer it"
         raise InvalidInputError(str(asked.path), "contains no questions about this run", cure)
     mine = [q for t in trials for q in by_trial.get(t.trial_id, [])]
     answered = [q for q in mine if answers.has(q)]
     if not answered:
-        cure = "Run better vqa SET --ask, or give a file with answers to that set"
+        cure = "Run `better vqa SET --ask`, or pass a file with answers to that set"
         raise InvalidInputError(
-            f"answers of {answers.head.model!r}", f"they do not answer any question of {asked.path}", cure
+            f"answers of {answers.head.model!r}", f"the file contains no answer to a question of {asked.path}", cure
         )
     blind = _blind_by_role(asked.questions)
     found = tuple(
@@ -247,7 +247,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """For each role, return the fraction of trials in which all answers can be inferred from the wording alone."""
+    """For each role, return the fraction of trials where all answers can be inferred from the wording alone."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
@@ -262,7 +262,7 @@ def knowledge_path(run: RunFolder) -> Path:
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the folder of the run, where the report finds it, and return the path.
+    """Write a model's knowledge to the folder of the run, so that the report finds it. Return the path.
 
     Raises:
         OSError: If the folder cannot be written.
@@ -285,7 +285,7 @@ def read_knowledge(run: RunFolder) -> Knowledge | None:
     path = knowledge_path(run)
     if not path.exists():
         return None
-    cure = "Run better diagnose RUN --answers FILE again"
+    cure = "Run `better diagnose RUN --answers FILE` again"
     raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     form = open_seal(raw, where=str(path), cure=cure, raises=RecordError, since=("version", 2))
     return read_form(_KNOWLEDGE, form, where=str(path), cure=cure, raises=RecordError)

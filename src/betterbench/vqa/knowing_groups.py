@@ -1,8 +1,8 @@
 """Paired tests of what a model knows against what the policy does, by axis, variation and failure mode.
 
-The unit is a trial: all questions about a trial together count as one answer, which the model knew or did not know. In
-each group, the fraction of trials in which the model knew the decision is compared with the fraction of trials that the
-policy solved, over the same trials.
+The unit is a trial: all questions about a trial together count as one answer that the model knew or did not know. In
+each group, the fraction of trials where the model knew the decision is compared with the policy's success rate in the
+same trials.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TRAINING = "training"
 
 
 class GroupVerdict(StrEnum):
-    """Result of the tests for one group of trials: whether the model knows more than the policy does."""
+    """Result of the tests for one group of trials, which compare what the model knows with what the policy does."""
 
     KNOWS_MORE = "knows more than it does"
     DOES_MORE = "does more than it knows"
@@ -37,7 +37,7 @@ class GroupVerdict(StrEnum):
 
 
 class AskedTrial(Protocol):
-    """What a model knew in one trial, with the outcome of the trial.
+    """Knowledge of a model about one trial, with the outcome of the trial.
 
     See :class:`~betterbench.vqa.knowing.TrialKnowledge`.
     """
@@ -79,17 +79,16 @@ class GroupKnowledge:
         kind: Kind of the group.
         name: "all", an axis or "training", "TASK/VARIATION" or "TASK/training", or a label.
         trials: Number of trials, with or without answers.
-        knows: Fraction of the trials with answers in which the model knew the decision.
-        does: Fraction of the trials with answers that the policy solved.
-        expected: Expected number of trials in which a model that does not see the image would know the decision.
+        knows: Fraction of trials where the model knew the decision, among the trials with answers.
+        does: Fraction of trials that the policy solved, among the trials with answers.
+        expected: Number of trials where a model that does not see the image is expected to know the decision.
         failed: Number of failed trials with answers.
-        known_failures: Number of these failed trials in which the model knew the decision.
-        expected_failures: Expected number of these failed trials in which a model that does not see the image would
-            know the decision.
-        difference: Fraction of trials in which the model knew the decision minus fraction of solved trials, with
-            Newcombe's interval for paired data.
-        p_paired: Two-sided p-value of McNemar's exact test, which compares the trials in which the model knew the
-            decision with the solved trials.
+        known_failures: Number of these failed trials where the model knew the decision.
+        expected_failures: Number of these failed trials where a model that does not see the image is expected to know
+            the decision.
+        difference: The fraction ``knows`` minus the fraction ``does``, with Newcombe's interval for paired data.
+        p_paired: Two-sided p-value of McNemar's exact test. It compares the trials where the model knew the decision
+            with the solved trials.
         p_guessing: One-sided exact p-value: the probability of at least as many known failures if the answers were
             guessed.
         p: p-value of the group's claim. The claim that the model knows more than the policy does requires both tests,
@@ -116,7 +115,7 @@ class GroupKnowledge:
 
     @property
     def corrected(self) -> float | None:
-        """Fraction of trials in which the model knew the decision, corrected for guessing.
+        """Fraction of trials where the model knew the decision, corrected for guessing.
 
         The value is (knows - chance) / (1 - chance), or None if there are no answers.
         """
@@ -146,7 +145,7 @@ def group_knowledge(trials: Sequence[AskedTrial], *, alpha: float = 0.05) -> tup
     """Compare knowledge and action in groups of a policy's trials: all trials, axes, variations and failure modes.
 
     Args:
-        trials: What the model knew in each trial.
+        trials: Knowledge of the model about each trial.
         alpha: Significance level of the tests of all groups together.
     """
     found = [_group(kind, name, members) for kind, name, members in _members(trials)]

@@ -1,4 +1,4 @@
-"""Moment: one frame of a trial with everything that questions about it need (state, camera view and episode)."""
+"""Moment: one frame of a trial, with the data needed for questions about it (state, camera view and episode)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Moment:
 
     @property
     def source(self) -> FrameSource:
-        """Frame of the record to which this moment belongs."""
+        """Frame of the record that this moment belongs to."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)
@@ -56,7 +56,7 @@ class Moment:
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
-        """Return whether enough of an object is visible for asking about it."""
+        """Return whether enough of an object is visible to ask questions about it."""
         return clear(self.seen(name))
 
     def is_large(self, name: str) -> bool:
@@ -69,7 +69,7 @@ class Moment:
 
     @cached_property
     def single(self) -> dict[str, ObjectInfo]:
-        """Objects that are the only ones of their kind in the scene, by kind, sorted."""
+        """Objects that are the only ones of their kind in the scene, sorted by kind."""
         kinds = [o.kind for o in self.objects]
         return {o.kind: o for o in sorted(self.objects, key=lambda o: o.kind) if kinds.count(o.kind) == 1}
 
@@ -104,7 +104,7 @@ class Moment:
         return middle(self.state, name)
 
     def relations_of(self, target: ObjectInfo) -> Iterator[Relation]:
-        """Yield the relations in which an object can be the target of a placement."""
+        """Yield the relations that allow an object to be the target of a placement."""
         return (r for r in RELATIONS.values() if r.carried and r.regions(target))
 
     def place(self, relation: Relation, name: str, target: str) -> str | None:

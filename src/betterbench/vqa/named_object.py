@@ -1,8 +1,8 @@
 """Questions about the position of the object that a trial's instruction names.
 
-The questions use the frame at which, according to the diagnosis, the decisive choice began, as in
-:mod:`betterbench.vqa.decisive`. The questions ask for a box and for a point, each in two wordings. Unlike the questions
-of other sets, their answers are not balanced, because all of them are about one object.
+As in :mod:`betterbench.vqa.decisive`, the questions use the frame where the decisive choice began according to the
+diagnosis. They ask for a box and for a point, each in two wordings. Unlike the questions of other sets, their answers
+are not balanced, because all of them are about one object.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
         "block box",
     )
 )
-"""Words for objects that may be mistaken for each other, or of which one may be a part of the other."""
+"""Words for objects that may be mistaken for each other, or where one may be a part of the other."""
 
 
 def indefinite(kind: str) -> str:

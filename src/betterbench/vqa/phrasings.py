@@ -1,6 +1,6 @@
 """Wordings of questions.
 
-Each family of questions has several wordings, and a hash that ignores the answer chooses one of them.
+Each family of questions has several wordings. A hash that does not depend on the answer chooses one of them.
 
 Each wording states its frame of reference: the image, the camera, the robot's base, or a person in front of an object.
 Image regions are called bounding boxes, because scenes contain boxes as objects.
@@ -252,7 +252,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
 def phrase(candidate: Candidate, *, number: int) -> str:
     """Return the text of a question in one of the wordings of its family.
 
-    The wording is chosen by an index, which is taken modulo the number of wordings.
+    The wording is chosen by an index, modulo the number of wordings.
 
     Raises:
         UnknownNameError: If there is no such family.

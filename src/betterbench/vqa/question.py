@@ -1,4 +1,4 @@
-"""Questions about an image with their answers, as values that can be stored as JSON."""
+"""Questions about an image, with their answers. They can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group of the question. Together, they describe what its wording reveals."""
+        """Family and group of the question. Together, they describe what the wording of the question reveals."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
@@ -136,7 +136,7 @@ class Candidate:
 
 
 _LONGEST_PLACE = 1000
-"""Largest number of characters in the path of an image within its set."""
+"""Maximum length of an image's path within its set [characters]."""
 
 
 def _inside(place: str) -> str:
@@ -174,7 +174,7 @@ class Question:
         group: What the text reveals. Answers are balanced among the questions of a group.
         words: Words that are inserted into the wording.
         chance: Expected fraction of correct answers if the answer is guessed from the text. None for boxes and points,
-            which are compared with the best constant answer of the set.
+            because they are compared with the best constant answer of the set.
         source: Frame of the question.
         box: True box of the object, for a question about a box.
         runs: Visible pixels of the object, for a question about a point.
@@ -207,7 +207,7 @@ class Question:
 
     @property
     def smallest(self) -> tuple[int, int] | None:
-        """Width and height of the smallest visible object of the question, by area [pixel].
+        """Width and height of the question's smallest visible object, measured by area [pixel].
 
         The value is None if no object of the question is visible.
         """
@@ -238,7 +238,7 @@ def letter(number: int) -> str:
 
 
 def hash_number(*parts: object) -> int:
-    """Return a hash of all parts, which are converted to text, as a number.
+    """Convert all parts to text and return a hash of them as a number.
 
     The number is the same on every machine, and is used to make reproducible choices.
     """
@@ -247,7 +247,7 @@ def hash_number(*parts: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Part of a question that is made by the generator of its type. It is then completed with data about the frame.
+    """Part of a question that the generator of its type creates. Data about the frame are added afterward.
 
     For the fields, see :class:`Candidate`.
     """

@@ -29,7 +29,7 @@ class RequestTotals:
 
     Attributes:
         answers: Number of answers, including rejected requests.
-        cached: Number of answers from the cache, which cost nothing.
+        cached: Number of answers from the cache. They cost nothing.
         rejected: Number of rejected requests.
         retried: Number of requests that were sent more than once.
         retries: Number of failed attempts by reason ("HTTP 429", "timeout").

@@ -11,7 +11,7 @@ from betterbench.vqa.parsing.points import numbers_of
 from betterbench.vqa.question import Form, Question
 
 LEAST_OVERLAP = 0.5
-"""Smallest intersection over union of a correct box.
+"""Minimum intersection over union of a correct box and the true box.
 
 This is the usual threshold of detection benchmarks (PASCAL VOC).
 """
@@ -34,7 +34,7 @@ def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "p
 
 
 def is_right(question: Question, answer: str | None) -> bool:
-    """Return whether an answer is correct. It must be given in the form in which the correct answer is stored."""
+    """Return whether an answer is correct. It must have the same format as the stored correct answer."""
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:
@@ -47,7 +47,7 @@ def is_right(question: Question, answer: str | None) -> bool:
 def is_in_place(
     groups: Sequence[Sequence[float]], *, box: Sequence[float] | None, runs: tuple[int, ...] | None, width: int
 ) -> bool:
-    """Return whether an answer is a single box that overlaps the true box enough, or a point on a visible pixel.
+    """Return whether an answer is a single box that sufficiently overlaps the true box, or a point on a visible pixel.
 
     Args:
         groups: Numbers of each box or point in the answer [pixel].
@@ -66,7 +66,7 @@ def is_in_place(
 
 
 def overlap(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the intersection over union of two boxes, each given as left, top, right and bottom edge."""
+    """Return the intersection over union of two boxes. Each box is given by its left, top, right and bottom edge."""
     across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     if across <= 0.0 or down <= 0.0:
         return 0.0

@@ -1,7 +1,7 @@
 """Static twins: pairs of a question about a variation's scene and the same question about the training scene.
 
-The twin of a question is about the trial that has the same seed and the training condition from which the variation is
-made, and about the objects in the scene of that trial. It has the same type, form and family and, in a set about
+The twin of a question is about the training trial with the same seed, in the condition from which the variation is
+made. It asks about the objects in the scene of that trial. It has the same type, form and family and, in a set about
 decisive moments, the same role.
 """
 
@@ -39,10 +39,10 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
     """Map the identifier of each question about a variation to the identifier of the question's twin.
 
-    The twin is chosen among the questions of the same kind about the training scene. Questions that are the twin of
-    fewer others are preferred. Among these, the same camera is preferred, then the same wording, and then the smaller
-    distance in time. A question about a training scene may be the twin of several questions, just as a training trial
-    may be the twin of several variations. If there is no question of the same kind about the training scene, the
+    The twin is chosen among the questions of the same kind about the training scene. Questions that are the twin of the
+    fewest others so far are preferred, then those with the same camera, then those with the same wording, and then
+    those closer in time. A question about a training scene may be the twin of several questions, just as a training
+    trial may be the twin of several variations. If there is no question of the same kind about the training scene, the
     question has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}

@@ -1,30 +1,30 @@
-"""Limits of visibility that keep questions fair: an object must be large enough in the image and not mostly hidden."""
+"""Visibility limits that keep questions fair. An object must be large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 
 from betterbench.interface.state import SeenObject
 
 MIN_SIDE_PX = 8
-"""Smallest length of the shorter side of an object's box [pixel].
+"""Minimum length of the shorter side of an object's box [pixel].
 
 Vision encoders divide images of this size into patches of 14 or 16 pixels, and less than half a patch shows no shape.
 """
 MIN_PIXELS = 60
-"""Smallest number of visible pixels, which is slightly more than a disc with a diameter of 8 pixels has."""
+"""Minimum number of visible pixels. This is slightly more than a disc with a diameter of 8 pixels has."""
 MIN_FRACTION = 0.35
-"""Smallest fraction of an object that must be visible.
+"""Minimum fraction of an object that must be visible.
 
 Below about a third, people infer the object from the rest of the scene.
 """
 HIDDEN_PX = 3
-"""Largest number of visible pixels of an object that counts as hidden.
+"""Maximum number of visible pixels of an object that is considered hidden.
 
 Isolated pixels between other objects do not show the object.
 """
 
 
 def clear(seen: SeenObject | None) -> bool:
-    """Return whether enough of an object is visible for asking about it."""
+    """Return whether enough of an object is visible to ask questions about it."""
     return seen is not None and large(seen) and seen.fraction >= MIN_FRACTION
 
 

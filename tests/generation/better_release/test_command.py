@@ -80,7 +80,7 @@ def test_markup_of_a_release_stays_text(tmp_path):
 
 def test_a_folder_without_a_release_is_named(tmp_path, capsys):
     assert run(tmp_path, "--out", tmp_path / "out") == 2
-    assert "Give a clone of" in " ".join(capsys.readouterr().err.split())
+    assert "Pass a clone of" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.slow

@@ -100,7 +100,7 @@ WRONG = {
     "same id": (
         "object_universe.yaml",
         lambda f: f["goal_objects"][1].update(instance_id=APPLE),
-        "goal_objects[1].instance_id: 'apple_1' is given twice",
+        "goal_objects[1].instance_id: 'apple_1' occurs twice",
     ),
     "many objects": (
         "object_universe.yaml",

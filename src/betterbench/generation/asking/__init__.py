@@ -1,7 +1,7 @@
 """Scenarios written by a language model, with checks, corrections and stored exchanges.
 
 - ``prompt``: the wording of all requests.
-- ``exchanges``: the file with all requests and answers, which can be replayed without the model.
+- ``exchanges``: the file that stores all requests and answers, so that they can be replayed without the model.
 - ``author``: the loop that requests scenarios, checks them, and sends problems back.
 """
 

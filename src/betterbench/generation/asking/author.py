@@ -1,4 +1,7 @@
-"""Author that has a language model write scenarios. Answers are checked, corrected and stored."""
+"""Author of scenarios that uses a language model.
+
+It checks and stores the model's answers, and has invalid ones corrected.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios that a model wrote, by number from 1, and the scenarios for which it gave no valid answer."""
+    """Scenarios that a model wrote, by their number (from 1), and the scenarios for which it gave no valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -71,7 +74,7 @@ def ask_for_scenarios(
         chat: Model with its stored exchanges.
         count: Number of scenarios.
         tries: Maximum number of answers per scenario. The problems of a rejected answer are sent back to the model.
-        sentence: Sentence of a user that each scenario must match; empty if there is no sentence.
+        sentence: Sentence of a user that each scenario must match. Empty if there is no sentence.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         on_progress: Called with the number of finished scenarios and the number of all scenarios.
 
@@ -104,10 +107,10 @@ class Request:
 
     Attributes:
         template: Template of the scenario.
-        sentence: Sentence of a user that the scenario must match; empty if there is no sentence.
+        sentence: Sentence of a user that the scenario must match. Empty if there is no sentence.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
-        before: Earlier scenarios, whose sets of objects must not be repeated.
-        context: Required context; empty if any context is allowed.
+        before: Earlier scenarios. The new scenario must not repeat the set of objects of any of them.
+        context: Required context. Empty if any context is allowed.
     """
 
     template: Template
@@ -123,7 +126,7 @@ def ask_for_scenario(
     """Have a model write a scenario.
 
     Returns:
-        The scenario and an empty string; or None and the first problem in the last answer.
+        The scenario and an empty string. If no answer is valid, None and the first problem in the last answer.
 
     Raises:
         ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -145,7 +148,7 @@ def _corrected(
     """Request a scenario, and send the problems of each rejected answer back to the model.
 
     Returns:
-        The scenario and an empty string; or None and the first problem in the last answer.
+        The scenario and an empty string. If no answer is valid, None and the first problem in the last answer.
     """
     problems: Sequence[str] = ()
     for attempt in range(1, tries + 1):
@@ -177,7 +180,7 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Parse a model's answer, which must be a JSON list with one scenario. A code fence around the list is removed.
+    """Parse a model's answer. It must be a JSON list with one scenario. A code fence around the list is removed.
 
     Raises:
         InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.
@@ -222,7 +225,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return how a scenario differs from the user's sentence: missing objects, missing places, and other goals."""
+    """Return how a scenario differs from the user's sentence: missing objects, missing places, and different goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)
@@ -258,14 +261,14 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
     raise InvalidInputError(
         "sentence",
         f"the model chose no template ({problem})",
-        "Give one of the templates that better list templates prints",
+        "Use one of the templates listed by `better list templates`",
     )
 
 
 def _template_in(answer: str) -> tuple[str, str]:
-    """Return the template that a model's answer names, and an empty text.
+    """Return the template named in a model's answer, and an empty string.
 
-    If the answer names no template, return an empty text and the problem.
+    If the answer names no template, return an empty string and the problem.
     """
     try:
         found = parse_json(without_fence(answer), unique=True)

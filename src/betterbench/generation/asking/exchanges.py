@@ -1,8 +1,8 @@
-"""Stored exchanges with a language model, which can be replayed without the model.
+"""Storage of exchanges with a language model, so that they can be replayed without the model.
 
 Each line of ``exchanges.jsonl`` contains the messages, the answer and the verdict of one exchange, and a hash that
-reveals changed lines. A request whose answer is in the file is not sent again, so the same command resumes after an
-interruption. In another run, ``--replay`` uses the answers in this file instead of a model.
+reveals changed lines. A request is not sent again if its answer is in the file, so running the same command again
+resumes an interrupted run. In another run, ``--replay`` uses the answers in this file instead of a model.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Exchange:
         answer: Text of the answer.
         verdict: "accepted", or the problems that were sent back to the model.
         asked_at: Time of the request, in UTC.
-        took_s: Time from request to answer [s].
+        took_s: Time from the request to the answer [s].
     """
 
     prompt: str
@@ -68,7 +68,7 @@ def key_of(messages: Sequence[Message]) -> str:
 
 
 class ExchangeFile(LineJournal):
-    """File to which exchanges with a model are appended. Each exchange is synced to disk before the next request."""
+    """Append-only file of exchanges with a model. Each exchange is synced to disk before the next request."""
 
     def __init__(self, path: Path) -> None:
         self.known: dict[str, Exchange] = {}
@@ -103,10 +103,10 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
         RecordError: If a line is corrupt or was changed.
     """
     if not path.is_file():
-        raise InvalidInputError("--replay", f"{path} is not a file", f"Give the {FILE_NAME} of an earlier run")
+        raise InvalidInputError("--replay", f"{path} is not a file", f"Pass the {FILE_NAME} of an earlier run")
     found = {exchange.key: exchange for exchange, _ in _parsed(path, complete_lines(path)[0])}
     if not found:
-        raise InvalidInputError("--replay", f"{path} contains no exchange", f"Give the {FILE_NAME} of an earlier run")
+        raise InvalidInputError("--replay", f"{path} contains no exchange", f"Pass the {FILE_NAME} of an earlier run")
     return found
 
 
@@ -116,9 +116,9 @@ class KeptChat:
     See :class:`~betterbench.vqa.llm.Chat`.
 
     Args:
-        file: File of the exchanges. A request whose answer is in this file is not sent again.
+        file: File of the exchanges. A request is not sent again if its answer is in this file.
         chat: Connection to the model. If it is None, only stored exchanges are used.
-        kept: Exchanges of another run, by the digest of their messages. Each exchange that is used is copied into the
+        kept: Exchanges from another run, by the digest of their messages. Each exchange that is used is copied into the
             file.
     """
 
@@ -159,8 +159,9 @@ class KeptChat:
     def _asked(self, messages: Sequence[Message], purpose: str) -> Exchange:
         if self._chat is None:
             raise ModelError(
-                f"The stored exchanges contain no answer to {purpose}. They come from another command, another version "
-                f"of the prompt or an interrupted run. Run the original command again with its model."
+                f"The stored exchanges contain no answer to {purpose}. They were made by a different command, "
+                f"with a different version of the prompt, or in an interrupted run. Run the original command again "
+                f"with its model."
             )
         asked_at, began = self._now(), time.monotonic()
         answer = self._chat.complete(messages, max_tokens=MAX_TOKENS).text
@@ -171,5 +172,5 @@ class KeptChat:
 
 
 def encoded(text: str) -> str:
-    """Replace lone surrogates in a text, because they cannot be stored."""
+    """Replace lone surrogates in a string, because they cannot be encoded."""
     return text.encode("utf-8", "replace").decode("utf-8")

@@ -1,4 +1,6 @@
-"""Prompt that requests scenarios. Its inputs and outputs are those of the paper (appendix B.1); its wording is our own.
+"""Prompt that requests scenarios.
+
+It has the inputs and outputs of the paper's prompt (appendix B.1), but its own wording.
 
 Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short and rejected
 scenarios are corrected in separate conversations.
@@ -76,10 +78,10 @@ def scenario_messages(
 
     Args:
         template: Template to fill.
-        number: Number of the first scenario, which makes the request unique.
+        number: Number of the first scenario. It makes the request unique.
         count: Number of scenarios to write.
-        sentence: Sentence of a user that the scenario must match; empty if there is no sentence.
-        context: Context that the scenario must have; empty if any context is allowed.
+        sentence: Sentence of a user that the scenario must match. Empty if there is no sentence.
+        context: Context that the scenario must have. Empty if any context is allowed.
         vocabulary: Allowed asset queries by object group. If it is None, any query is allowed.
         written: Existing scenarios, which must not be repeated.
     """

@@ -1,8 +1,8 @@
 """Audit of a task of the BeTTER release.
 
-The audit finds violations of kinematic isolation (picks and placements of a test that do not occur in training) and
-mismatches between an instruction and its scene. All distances are measured between the poses in the release, before
-positions are transferred to our table.
+The audit finds violations of kinematic isolation, i.e. picks and placements that a test requires but training does not
+contain. It also finds instructions that do not match their scene. All distances are measured between the poses in the
+release, before positions are transferred to our table.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Finding:
     """A finding of the audit about one variation or the complete task.
 
     Attributes:
-        variation: Id of the variation; "" for the complete task.
+        variation: Id of the variation, or "" for a finding about the complete task.
         code: Kind of finding, a key of :data:`CODES`.
         text: Description of the finding in one sentence.
         numbers: Measured values by name. Each name ends with its unit ("nearest_own_cm").
@@ -145,8 +145,8 @@ def audit_release(
     Args:
         task: Task as written in its files.
         resolved: Variations of the task, including inherited values.
-        matches: Library asset that represents each object. The size of the asset is used, since the release does not
-            state the sizes of objects.
+        matches: Library asset that represents each object. The size of the asset is used for the object, because the
+            release does not state sizes.
         built: The same task converted to our task format.
     """
     auditor = _Auditor(task, resolved, matches, built)
@@ -154,7 +154,7 @@ def audit_release(
 
 
 class _Auditor:
-    """Search for findings about a task, with one method per group of checks."""
+    """Collects the findings about a task, with one method per group of checks."""
 
     def __init__(
         self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match], built: Built
@@ -192,7 +192,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------- what is in the files
 
     def files(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that ids, groups, poses, candidate assets and goals are complete and consistent."""
+        """Check that the ids, groups, poses, candidate assets and goals in the files are complete and consistent."""
         known = self.task.instances
         mentioned = {name: "a group" for group in GROUPS for name in variation.groups[group]}
         mentioned |= {p.subject_id: "a predicate" for p in (*variation.success, *variation.fail)}
@@ -225,7 +225,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that each change in a variation has an effect, and that its groups match the template."""
+        """Check that each change in a variation has an effect, and that the variation's groups match the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:
@@ -352,7 +352,7 @@ class _Auditor:
         yield from self._placements(variation)
 
     def _turned_deg(self, variation: Resolved, name: str) -> float:
-        """Return the smallest angle between the heading of an object and its headings in training [degrees].
+        """Return the smallest angle between an object's heading and the headings that it has in training [degrees].
 
         The angle is 0 for a round object.
         """
@@ -444,9 +444,10 @@ class _Auditor:
             yield Finding(variation.name, "other_target", text, {}, tuple(sorted(targets)))
 
     def twins(self, variation: Resolved) -> Iterator[Finding]:
-        """Find earlier variations with the same scene and the same instruction as a variation.
+        """Find earlier variations that have the same scene and the same instruction as a given variation.
 
-        They are reported if their goals differ, or if a training variation is the same as a test variation.
+        They are reported if their goals differ from those of the given variation, or if a training variation is the
+        same as a test variation.
         """
         for other in self.resolved.values():
             if other.name == variation.name:

@@ -1,7 +1,7 @@
 """Conversion of a task of the BeTTER release to our task format.
 
-Training variations become training conditions. A test variation becomes a list of operations on the training condition
-from which the fewest operations are needed.
+Training variations become training conditions. A test variation becomes a list of operations on a training condition,
+namely on the one that requires the fewest operations.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ class Represented:
     Attributes:
         name: Name of the condition in our task ("train1", "O1"), or None if the variation is not represented.
         reasons: Reasons why the variation cannot be represented.
-        left_out: Objects that are in the scene of the release but not in our condition, each with the reason.
+        left_out: Objects that are in the scene of the release but not in our condition, with the reason for each.
         predicates: Predicates of the release that have no counterpart among our relations.
-        base: Training condition from which a test variation is derived.
+        base: Training condition that a test variation is derived from.
         operations: Operations on that training condition, described as text.
     """
 
@@ -105,8 +105,8 @@ def task_id_of(task: ReleaseTask) -> str:
 def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> Built:
     """Convert a release task to our task format, with objects from our library.
 
-    Objects that no library asset represents are left out, as are objects that a variation replaces but does not remove
-    from the scene. A variation is left out if our task format cannot express its goals.
+    An object is left out if no library asset represents it, or if a variation replaces it without removing it from the
+    scene. A variation is left out if our task format cannot express its goals.
 
     Args:
         task: The release task.
@@ -195,10 +195,7 @@ class _Maker:
         return tuple(name for name in names if name not in self.left_out[variation.name])
 
     def _preplaced(self, variation: Resolved) -> tuple[str, ...]:
-        """Return the objects that are already in the container at the start.
-
-        This is judged from the sizes of our assets.
-        """
+        """Return the objects that are already in the container at the start, judging by the sizes of our assets."""
         sizes = {name: match.asset.size_m for name, match in self.matches.items()}
         container = variation.container
         if container not in self.matches or "inside" not in _regions(self.matches[container]):
@@ -211,7 +208,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons why our task format cannot represent a variation; empty if it can."""
+        """Return the reasons why our task format cannot represent a variation. Empty if it can."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -242,9 +239,9 @@ class _Maker:
     # ------------------------------------------------------------------------------------------------------- relations
 
     def _template(self) -> tuple[Template | None, Role]:
-        """Return a template, and the role of the goals' target in it.
+        """Return the template of the task, and the role that the target of the goals has in it.
 
-        The template is that of the first goal whose relation also exists in our task format.
+        The first goal with a relation that exists in our task format determines the template.
         """
         for variation in self.resolved.values():
             for predicate in variation.success:
@@ -295,7 +292,7 @@ class _Maker:
         return ObjectSpec(name, self._kind(name), match.category, color, role, fixed=False)
 
     def _kind(self, name: str) -> str:
-        """Return the noun of an object. The color is included if another object has the same noun."""
+        """Return the noun of an object. It includes the color if another object has the same noun."""
         noun = self.lexicon.noun(name)
         others = [other for other in self.task.instances if other != name and self.lexicon.noun(other) == noun]
         color = color_of(self.task.instances[name])
@@ -341,7 +338,7 @@ class _Maker:
         made: Represented,
         before: Sequence[Variation],
     ) -> tuple[Represented, Variation | None]:
-        """Express a test variation as operations on a training condition: the one from which the fewest are needed.
+        """Express a test variation as operations on the training condition that requires the fewest of them.
 
         Returns:
             The completed representation, and the variation. The variation is None if it cannot be expressed.
@@ -430,7 +427,10 @@ def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, S
 
 
 def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operation], None]) -> None:
-    """Replace each unwanted object by the new object that needs its slot, or remove it if no new object does."""
+    """Replace each unwanted object by the new object that needs its slot.
+
+    If no new object needs the slot, remove the object.
+    """
     gone = [spec for spec in base.objects if spec not in wanted.objects]
     gone += [s for s in base.objects if s in wanted.objects and s.name in base.preplaced and s.name in wanted.layout]
     new = {wanted.layout[s.name]: s for s in wanted.objects if s not in base.objects and s.name in wanted.layout}
@@ -442,7 +442,7 @@ def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operatio
 def _arrange(
     now: Callable[[], Condition], wanted: Condition, slots: Mapping[str, Slot], do: Callable[[Operation], None]
 ) -> None:
-    """Move objects to the slots in which they are wanted. If none of these slots is free, exchange two objects."""
+    """Move objects to the slots where they are wanted. If none of these slots is free, exchange two objects."""
     while True:
         state = now()
         astray = [n for n, s in state.layout.items() if n in wanted.layout and wanted.layout[n] != s]
@@ -462,7 +462,7 @@ def _arrange(
 
 
 def axis_of(operations: Sequence[Operation]) -> Axis:
-    """Return the axis of a variation, judged from its operations.
+    """Return the axis that a variation belongs to, based on its operations.
 
     If the operations belong to several axes, the variation gets the first of these axes in the order object
     perturbation, temporal extrapolation, layout shift, recomposition.

@@ -2,8 +2,8 @@
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
 be missing) and ``variations/ID.yaml``. The constraint template of the task is in the folder ``task_templates`` of the
-clone, and may be missing. The field names are those of the release at commit 9d75971. The YAML reader is an argument,
-because only one package may import the YAML library.
+clone, and may be missing. The field names are those of the release at commit 9d75971. The YAML reader is passed as an
+argument, because only one package may import the YAML library.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class ReleasePredicate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChannelChange:
-    """Changes to the success predicates, or to the fail predicates, that the release derives from the groups.
+    """Changes to the success predicates or fail predicates that the release derives from the object groups.
 
     Predicates can be replaced, appended and removed.
     """
@@ -252,7 +252,7 @@ class TemplateSlot:
 class ReleaseTemplate:
     """Content of a file in the folder ``task_templates``.
 
-    The published templates contain ``on`` without quotes, which YAML 1.1 parses as the boolean true. The audit reports
+    The published templates contain ``on`` without quotes. YAML 1.1 parses this as the boolean true. The audit reports
     relations that were parsed as booleans.
     """
 
@@ -284,12 +284,12 @@ class ReleaseTask:
     Attributes:
         folder: Folder of the task.
         task: Content of ``task.yaml``.
-        base: Base variation, which all other variations extend.
+        base: Base variation. All other variations extend it.
         variations: The other variations by id, sorted.
         instances: Objects by id, in the order of the file.
         groups: Ids of the container, goal, fail and decor objects in ``object_universe.yaml``.
         candidates: Source ids of the assets for each object, by object id. None if ``asset_bindings.yaml`` is missing.
-        names: Further names of objects by object id, from ``asset_bindings.yaml``.
+        names: Additional names of objects by object id, from ``asset_bindings.yaml``.
         template: Constraint template, or None if the clone does not contain it.
     """
 
@@ -315,7 +315,7 @@ def find_tasks(folder: Path) -> tuple[Path, ...]:
     found = sorted(file.parent for file in folder.glob("assets/tasks/*/*/task.yaml"))
     if not found:
         problem = "has neither a task.yaml nor assets/tasks/TEMPLATE/TASK/task.yaml"
-        cure = "Give a clone of github.com/BeingBeyond/BeTTER, or the folder of a task in it"
+        cure = "Pass a clone of github.com/BeingBeyond/BeTTER, or the folder of a task in it"
         raise InvalidInputError(str(folder), problem if folder.is_dir() else "is not a folder", cure)
     return tuple(found)
 
@@ -366,8 +366,8 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
         for i, instance in enumerate(members):
             if instance.instance_id in instances:
                 where = f"{group}{'' if group == 'container' else '_objects'}[{i}].instance_id"
-                problem = f"{instance.instance_id!r} is given twice"
-                _refuse(folder / "object_universe.yaml", where, problem, "Give each object its own id")
+                problem = f"{instance.instance_id!r} occurs twice"
+                _refuse(folder / "object_universe.yaml", where, problem, "Use a different id for each object")
             instances[instance.instance_id] = instance
     if len(instances) > MOST_OBJECTS:
         problem = f"lists {len(instances)} objects"
@@ -422,7 +422,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
 
 
 def _require_own_place(file: Path, name: str, variation: VariationFile, base: VariationFile) -> None:
-    """Check that a variation has the name of its file and extends the base variation."""
+    """Check that a variation has the same name as its file and extends the base variation."""
     if variation.variation_id != name:
         problem = f"{variation.variation_id!r} is not the name of the file"
         _refuse(file, "variation_id", problem, f"Write {name!r}, or rename the file")

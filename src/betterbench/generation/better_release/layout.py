@@ -4,7 +4,8 @@ Both world frames have the robot base at the origin, x away from the robot and y
 unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary, until
 it is reachable, visible to the front camera, and free of overlaps between our assets in every scene. In each scene, the
 order of the objects from left to right and from near to far is kept. The headings in the release are not used, because
-the axes of our assets are oriented differently. Instead, each slot has a heading at which the gripper can open.
+the axes of our assets are oriented differently. Instead, the heading of each slot is chosen so that the gripper can
+open there.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return the distance of a position from the reachable and visible part of our table [m].
+    """Return how far a position is outside the reachable and visible part of our table [m].
 
     The distance is 0 if the position is inside this part.
     """
@@ -75,7 +76,7 @@ class _Cluster:
     users: list[tuple[str, str]] = field(default_factory=list)
 
     def take_in(self, variation: str, name: str, match: Match) -> None:
-        """Add an object of a variation to the cluster, and enlarge the room that the cluster's slot needs."""
+        """Add an object of a variation to the cluster, and increase the space that the cluster's slot needs."""
         half_x, half_y = _half_extents(match, self.yaw)
         if not self.is_target:  # the heading is not known yet
             half_x = half_y = max(half_x, half_y)
@@ -85,7 +86,7 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class PlacedSlots:
-    """Slots of a task after they were placed on our table.
+    """Slots of a task, placed on our table.
 
     Attributes:
         slots: Slots by name.
@@ -93,7 +94,7 @@ class PlacedSlots:
         moved_m: Distance of each slot from its position in the release [m].
         crowded: Pairs of slots in the same scene that could not be moved far enough apart, with the missing distance
             [m].
-        hidden: Pairs of variation and object for which the target hides the object's center from the front camera.
+        hidden: Pairs of variation and object where the target hides the object's center from the front camera.
     """
 
     slots: Mapping[str, Slot]
@@ -109,7 +110,7 @@ def place_slots(
     """Place the slots for the objects of all variations on our table.
 
     Args:
-        variations: Variations of the task, training variations first.
+        variations: Variations of the task, starting with the training variations.
         present: Objects that start in a slot, by variation.
         matches: Library asset that represents each object, by object id.
     """
@@ -162,7 +163,7 @@ def place_slots(
 def _same_slot(
     clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
-    """Return the existing cluster (slot) to which a position belongs, or None.
+    """Return the existing cluster (slot) that a position belongs to, or None.
 
     It is the nearest cluster within the merging distance that no other object of the same variation uses.
     """
@@ -179,7 +180,7 @@ def _same_slot(
 def _open_yaw(
     name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> float:
-    """Return the heading at which a target hides the fewest goal objects from the camera [rad].
+    """Return the target heading that hides the fewest goal objects from the camera [rad].
 
     Among equally good headings, the one that is usual in the suite is preferred.
     """
@@ -214,7 +215,7 @@ def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
 def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
     """Return whether a line segment crosses the bounding box of a collision shape.
 
-    The end points of the segment are given in the frame of the asset to which the shape belongs.
+    The end points of the segment are given in the frame of the shape's asset.
     """
     center, half = np.zeros(3), np.asarray(part.size)
     if part.shape == "hull" and part.vertices is not None:
@@ -234,7 +235,7 @@ def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
 
 @functools.cache
 def _usual_yaw(category: str) -> float:
-    """Return the most frequent heading of a category's targets in the suite [rad]; 0 if the suite has none."""
+    """Return the most frequent heading of a category's targets in the suite [rad], or 0 if the suite has none."""
     yaws = Counter(
         task.slot(condition.layout[spec.name]).yaw
         for task in map(get_task, suite_tasks("better60"))
@@ -276,7 +277,7 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
 def _free_yaw(
     i: int, targets: list[int], clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]
 ) -> float:
-    """Return the heading of a slot with which the gripper opens parallel to the nearest wall of a target [rad]."""
+    """Return the slot heading that makes the gripper open parallel to the nearest wall of a target [rad]."""
     grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
     if not grasps or not targets:
         return 0.0
@@ -294,9 +295,9 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return how much clearance is missing between two slots along x and y [m].
+    """Return how much additional clearance two slots need along x and y [m].
 
-    Negative values mean that none is missing.
+    Negative values mean that the clearance is large enough.
     """
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)

@@ -1,4 +1,4 @@
-"""Search of the catalogue for library assets that represent the objects of a BeTTER release task."""
+"""Search for library assets that represent the objects of a BeTTER release task."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Match:
         how: Origin of the match. "name": the noun of the object is the category. "search": the category was found by
             words or meaning. "class": the category only belongs to the same class as the object. "given": the user
             named the category.
-        asset: First variant of the category, from which sizes and regions are read.
+        asset: First variant of the category. Sizes and regions are read from this asset.
         is_stand_in: Whether the noun of the object differs from the category, so that the asset may look like another
             object.
     """
@@ -57,7 +57,7 @@ class Match:
 
 @contextmanager
 def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
-    """Open a catalogue of the library's assets. If the text encoder is not installed, it can be searched only by words.
+    """Open a catalogue of the library's assets. Without the text encoder, it can be searched only by words.
 
     Args:
         folder: Folder of an existing catalogue. If it is None, the built-in generators are indexed into a temporary
@@ -86,7 +86,7 @@ def match_instances(
 ) -> dict[str, Match]:
     """Return the library asset that represents each object. Objects without a similar asset are left out.
 
-    Containers are represented by categories into or onto which objects can be put. All other objects are represented by
+    Containers are represented by categories that objects can be put into or onto. All other objects are represented by
     categories that can be grasped. A category is used twice only if no unused category fits.
 
     Args:
@@ -105,7 +105,7 @@ def match_instances(
         if category not in categories():
             raise UnknownNameError("asset category", category, categories())
     if SOURCE not in catalogue.sources:
-        cure = "Run better assets index procedural, or leave out --catalogue"
+        cure = "Run `better assets index procedural`, or leave out --catalogue"
         raise InvalidInputError("--catalogue", "the catalogue does not contain the procedural library", cure)
     matches: dict[str, Match] = {}
     targets = _targets(task)
@@ -148,7 +148,10 @@ def _match(category: str, color: str | None, score: float, how: str, *, is_stand
 def _found(
     catalogue: Catalogue, task: ReleaseTask, instance: ReleaseInstance, taken: Iterable[Match], *, is_target: bool
 ) -> Match | None:
-    """Return the best match for an object. It is searched for by its query, by its noun, and by classes of the noun."""
+    """Return the best match for an object.
+
+    The catalogue is searched for the object's query, its noun, and the classes of its noun.
+    """
     nouns = nouns_of(instance, task.names.get(instance.instance_id, ""))
     color, used = color_of(instance), {(m.category, m.color) for m in taken}
     queries = [(instance.retrieval_query, 1.0), (" ".join(nouns[0]), 1.0)]
@@ -174,7 +177,7 @@ def _found(
 def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
-    """Return a factor in (0, 1] by which the search score of an asset is multiplied.
+    """Return a factor in (0, 1] for the search score of an asset.
 
     It is below 1 if the noun or the color differs from that of the object, or if the category is already in use.
     """

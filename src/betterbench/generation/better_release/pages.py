@@ -1,4 +1,4 @@
-"""Files of an audit: ``audit.json`` for programs, and ``audit.md`` for readers."""
+"""Files of an audit: ``audit.json`` for programs, and ``audit.md`` for people."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Imported:
     """Imported release task, with its library assets and the results of the audit and the certification.
 
     Attributes:
-        certificate: Certification results by condition of our task; empty if the task was not certified.
+        certificate: Certification results by condition of our task. Empty if the task was not certified.
     """
 
     release: ReleaseTask
@@ -34,7 +34,7 @@ class Imported:
 
     @property
     def task_id(self) -> str | None:
-        """Id of the task in our format, or None if no training variation can be represented."""
+        """Id of the task in our format, or None if our format cannot represent any training variation."""
         return None if self.built.task is None else self.built.task.id
 
     def certified(self, variation: str) -> Summary | None:
@@ -43,7 +43,7 @@ class Imported:
 
 
 def certified_text(summary: Summary | None) -> str:
-    """Format a certification result ("3/3", "0/3: (b)"). The text is empty if there is no result."""
+    """Format a certification result ("3/3", "0/3: (b)"). Return an empty string if there is no result."""
     if summary is None:
         return ""
     failed = [f"({letter})" for letter in CLAUSES if summary.clauses[letter] < summary.n]
@@ -51,7 +51,7 @@ def certified_text(summary: Summary | None) -> str:
 
 
 def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
-    """Return a remark for each clause of a certificate that failed, with an example seed."""
+    """Return a remark for each failed clause of a certificate, with an example seed."""
     notes = () if summary is None else summary.notes
     firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
     return tuple(filter(None, firsts))
@@ -160,7 +160,7 @@ def _asset_text(match: Match) -> str:
 def _section(one: Imported, name: str) -> list[str]:
     """Return the lines about a variation or the complete task.
 
-    They list its findings, and the clauses of its certificate that failed.
+    They list the findings and the failed clauses of the certificate.
     """
     findings = one.audit.of(name)
     notes = certificate_notes(one.certified(name)) if name else ()

@@ -1,8 +1,8 @@
 """Evaluation of the relations of the BeTTER release in an initial scene.
 
 The release evaluates relations on the axis-aligned boxes of its assets, but the task files do not contain the sizes of
-these assets. Relations that depend on sizes are therefore estimated from the sizes of the library assets that represent
-the objects. They remain undecided if no asset represents an object.
+these assets. Relations that depend on sizes are therefore estimated from the library assets that represent the objects.
+A relation remains undecided if no asset represents one of its objects.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ SYNONYMS = {"left": "left_of", "right": "right_of", "front": "front_of", "back":
 def box_of(pose: ReleasePose, size_m: Vector) -> Box:
     """Return the axis-aligned box of an object at its position.
 
-    Since the rotation is ignored, the box is a lower estimate: both horizontal sides have the length of the shorter
-    side.
+    The rotation is ignored. As a lower estimate, both horizontal sides have the length of the object's shorter side.
     """
     side = min(size_m[:2])
     x, y, z = pose.position

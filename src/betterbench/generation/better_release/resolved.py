@@ -51,7 +51,7 @@ class Resolved:
 
     @property
     def goals(self) -> tuple[str, ...]:
-        """Objects that the success predicates require to be moved, sorted."""
+        """Sorted names of the objects that must be moved to fulfill the success predicates."""
         return tuple(sorted({p.subject_id for p in self.success}))
 
     def xy(self, name: str) -> tuple[float, float] | None:
@@ -61,7 +61,7 @@ class Resolved:
 
 
 def resolve(task: ReleaseTask) -> dict[str, Resolved]:
-    """Return all variations of a task by id, except the base variation. Training variations come first."""
+    """Return the variations of a task by id, without the base variation. Training variations come first."""
     order = (*task.task.variation_registry.train, *task.task.variation_registry.eval)
     return {name: _resolved(task, task.variations[name]) for name in order}
 
@@ -116,8 +116,8 @@ class LeftBehind:
     """Object that a variation replaces by another object but does not remove.
 
     Attributes:
-        name: Replaced object, which no longer belongs to a group.
-        by: Replacement, which is not in the training variations.
+        name: Object that was replaced. It no longer belongs to a group.
+        by: New object that replaces it. It is not in the training variations.
         distance_m: Distance between the initial positions of the two objects [m].
     """
 

@@ -49,14 +49,14 @@ _CHANGES_MEANING = frozenset(_LIMITING.split())
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """Noun in an instruction, with the objects to which it can refer.
+    """Noun in an instruction, with the objects that it can refer to.
 
     Attributes:
         text: The noun in the singular ("juice box", "fruit").
-        objects: Objects of the task to which the noun can refer, whether or not they are in the scene.
-        every: Whether the noun refers to all of these objects, as in "the fruits"; otherwise to at least one.
+        objects: Objects of the task that the noun can refer to, whether or not they are in the scene.
+        every: Whether the noun refers to all of these objects, as in "the fruits". If not, it refers to at least one.
         is_class: Whether the noun is a class of objects ("fruit").
-        is_target: Whether the noun follows a preposition, as the container does.
+        is_target: Whether the noun follows a preposition, as in "into the lunchbox".
     """
 
     text: str
@@ -73,7 +73,7 @@ class Sentence:
     Attributes:
         text: Text of the instruction.
         nouns: Known nouns, in order.
-        undecided: Reasons why the instruction cannot be compared with the goals; empty if it can.
+        undecided: Reasons why the instruction cannot be compared with the goals. Empty if it can.
     """
 
     text: str
@@ -85,7 +85,7 @@ class Lexicon:
     """Nouns that can refer to the objects of a task.
 
     Args:
-        task: Task. Objects that are not in the scene also have nouns, so that they can be recognized.
+        task: Task with the objects. Objects that are not in the scene also have nouns, so that they can be recognized.
     """
 
     def __init__(self, task: ReleaseTask) -> None:
@@ -148,7 +148,7 @@ class Lexicon:
         return Sentence(text, tuple(nouns), tuple(dict.fromkeys(undecided)))
 
     def _longest(self, words: list[str], at: int) -> int:
-        """Return the number of words in the longest known noun that begins at a position; 0 if no noun begins there."""
+        """Return the number of words in the longest known noun at a position, or 0 if no noun begins there."""
         for length in range(min(4, len(words) - at), 0, -1):
             phrase = tuple(words[at : at + length])
             if phrase not in self._phrases or set(phrase) <= _PLAIN_WORDS | _VERBS | _ADJECTIVES:
@@ -177,12 +177,12 @@ class Lexicon:
 
 @functools.cache
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
-    """Return the classes to which a noun belongs according to the word list ("fruit" for "banana"), sorted."""
+    """Return the sorted classes of a noun according to the word list ("fruit" for "banana")."""
     return tuple(sorted(phrase for phrase, others in word_list().items() if noun in dict(others) and phrase != noun))
 
 
 def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
-    """Return the nouns of an object, the usual noun first: "juice box", "box".
+    """Return the nouns of an object, starting with the usual one: "juice box", "box".
 
     Args:
         instance: Object. The nouns are taken from its semantic name, or else from its query and description.
@@ -200,7 +200,7 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
 
 
 def _head(text: str) -> Noun:
-    """Return the head noun of a description ("lunchbox" for "an open lunchbox"); empty if there is none."""
+    """Return the head noun of a description ("lunchbox" for "an open lunchbox"). Empty if there is none."""
     concepts = understood(text).concepts if text.strip() else ()
     return next((c.alternatives[0][0] for c in concepts if c.weight >= 1.0), ())
 

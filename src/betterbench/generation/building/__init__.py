@@ -7,5 +7,5 @@
 - ``viewing``: check that the front camera shows the scenes of a task completely.
 - ``attempts``: repeated attempts to build a task, each with a small change. ``result``: the stored result of the
   attempts.
-- ``job``: the resumable job over many scenarios, which writes the suite's folder.
+- ``job``: the resumable job that builds many scenarios and writes the suite's folder.
 """

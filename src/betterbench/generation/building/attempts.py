@@ -1,7 +1,7 @@
 """Attempts to build a certified task from a scenario.
 
-A task that fails its certificate is changed and examined again: first without the variations that failed, then with
-more demonstrations, then with other slots, and finally with other assets.
+A task that fails its certificate is changed and checked again: first without the variations that failed, then with more
+demonstrations, then with other slots, and finally with other assets.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class _Change:
 
     Attributes:
         words: Description of the change.
-        slots: Seed from which the slots are drawn.
-        assets: Number of earlier choices of assets; each choice consists of other assets.
-        demonstrations: Factor by which the number of demonstrations is multiplied.
+        slots: Seed for drawing the slots.
+        assets: Index of the choice of assets, starting at 0. Each choice uses different assets.
+        demonstrations: Factor for the number of demonstrations.
     """
 
     words: str
@@ -65,10 +65,10 @@ class Built:
     """Result of all attempts to build a task from a scenario.
 
     Attributes:
-        scenario: Scenario from which the task was to be built.
+        scenario: Scenario that the task should be built from.
         task_id: Identifier of the task.
-        made: Task of the successful attempt; None if every attempt failed.
-        proof: Demonstrations and certificates of the task; None if every attempt failed.
+        made: Task of the successful attempt. None if every attempt failed.
+        proof: Demonstrations and certificates of the task. None if every attempt failed.
         choices: Assets chosen for the descriptions.
         attempts: All attempts. The last one succeeded if ``made`` is not None.
         left_out: Variations that were left out because they failed their certificate.
@@ -93,7 +93,7 @@ def build_task(
     """Build a certified task from a scenario, or return the reason why every attempt failed.
 
     A scenario is rejected without an attempt if its groups differ from those of the template, or if its instruction
-    states a goal that the template does not have.
+    states a goal that the template does not support.
     """
     problem = _problem_of(scenario)
     if problem:
@@ -152,7 +152,7 @@ def build_task(
 
 
 def _problem_of(scenario: Scenario) -> str:
-    """Return the reason why a scenario cannot become a task in any attempt; empty if an attempt is worthwhile."""
+    """Return the reason why no attempt can turn a scenario into a task, or an empty string if it is worth trying."""
     try:
         require_groups(scenario)
     except BetterError as error:
@@ -162,7 +162,7 @@ def _problem_of(scenario: Scenario) -> str:
 
 
 def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure]) -> str:
-    """Return the reason why the training conditions of a task are unusable; empty if they are usable."""
+    """Return the reason why the training conditions of a task are unusable, or an empty string if they are usable."""
     training = {c.name for c in task.training}
     if any(f.condition in training for f in failures):
         return "a training condition is not certified"
@@ -170,7 +170,7 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return a message if too few variations of a task are left; otherwise, return an empty string."""
+    """Return a message if too few variations of a task are left. Otherwise, return an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

@@ -1,7 +1,7 @@
 """Casting: the choice of assets for the descriptions of a scenario, and of distractors that look like its items.
 
 Assets are found by searching the catalogue. An asset must meet the requirements of its group: a container needs the
-region for the template's relation, and an item needs a grasp that fits the gripper.
+region that the template's relation requires, and an item needs a grasp that fits the gripper.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return the reason why an asset is not suitable for an object group of a template; empty if it is suitable."""
+    """Return the reason why an asset does not suit an object group of a template, or an empty string if it does."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -82,7 +82,7 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     Args:
         scenario: Scenario with the descriptions.
         catalogue: Catalogue of generators and imported assets.
-        attempt: Index of the attempt. Among assets that are almost equally good, each attempt uses another asset.
+        attempt: Index of the attempt. Among assets that match almost equally well, each attempt uses a different one.
 
     Raises:
         InvalidInputError: If a description has no suitable asset; the message names the best search results.
@@ -112,7 +112,7 @@ def fitting(
     catalogue: Catalogue,
     taken: set[tuple[str, str]],
 ) -> tuple[list[Hit], list[str]]:
-    """Return the search results for a description that are suitable for its group, best first.
+    """Return the search results for a description that are suitable for its group, starting with the best match.
 
     Also return the better results that were rejected, with the reasons.
     """
@@ -137,7 +137,7 @@ def fitting(
 def name_problem(query: str, entry: CatalogueEntry) -> str:
     """Return a message if a noun of a query matches neither the names nor the text of an asset.
 
-    Otherwise, return an empty text.
+    Otherwise, return an empty string.
     """
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
@@ -157,7 +157,7 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
-    """Return the tags of library assets that name a material, a place or a use, such as "glass" for a jar.
+    """Return the tags in the library that name a material, a place or a use, such as "glass" for a jar.
 
     Each tag is a tuple of normalized words.
     """
@@ -179,7 +179,8 @@ def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
     """Return whether a word or one of its synonyms names an asset.
 
-    It must be the last word of the asset's name, or a tag that names the object and not its material, place or use.
+    The word must be the last one in the asset's name, or a tag that names the object rather than its material, place or
+    use.
     """
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
@@ -189,7 +190,7 @@ def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
-    """Return the distinct color words of a description. Colors in its search query come first."""
+    """Return the distinct color words in a description, starting with those in its search query."""
     said = [*terms(described.asset_query), *terms(described.description)]
     return tuple(dict.fromkeys(word for word in said if word in COLORS))
 
@@ -197,7 +198,7 @@ def _colors_in(described: DescribedObject) -> tuple[str, ...]:
 def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
     """Return a message if an asset is less than half or more than twice as large as the description estimates.
 
-    Otherwise, return an empty text.
+    Otherwise, return an empty string.
     """
     size, (low, high) = entry.largest_m, described.size_m
     if size is None or 0.5 * low <= size <= 2.0 * high:

@@ -14,7 +14,7 @@ class Choice:
     """Asset chosen for the description of an object in a scenario.
 
     Attributes:
-        group: Object group to which the description belongs.
+        group: Object group of the description.
         described: Description of the object.
         entry: Row of the catalogue with the chosen asset.
         score: Search score in (0, 1].

@@ -31,7 +31,7 @@ class ImportedMeshes:
 
     Attributes:
         names: Categories of the imported assets.
-        refused: Catalogue rows that match a description but cannot be used, each with the reason.
+        refused: Catalogue rows that match a description but cannot be used, with the reason for each.
     """
 
     names: tuple[str, ...] = ()
@@ -41,8 +41,8 @@ class ImportedMeshes:
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
     """Import, certify and load meshes for descriptions that match no library object.
 
-    Meshes are found by the words of a description. They must have these words in their name and a free license, and
-    pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
+    Meshes are found by the words of a description. Their names must contain these words, their licenses must be free,
+    and they must pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
 
     Args:
         scenarios: Scenarios of the build.
@@ -74,7 +74,7 @@ def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Cata
 
 
 def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[DescribedObject]:
-    """Yield the distinct descriptions for which the library has no suitable object."""
+    """Yield the distinct descriptions that match no suitable object in the library."""
     asked: set[tuple[str, str]] = set()
     for scenario in scenarios:
         template = TEMPLATES[scenario.template]
@@ -87,14 +87,17 @@ def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[Desc
 
 
 def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
-    """Return the rows of the user's catalogue that match a description best and whose mesh is on this machine."""
+    """Return the rows of the user's catalogue that best match a description.
+
+    Only rows with a mesh on this machine are used.
+    """
     hits = user.search(described.asset_query, limit=_SEARCHED, filters=Filters(license="free"))
     rows = [hit.entry for hit in hits if hit.score >= LEAST_SCORE and hit.entry.source != NAME and hit.entry.path]
     return [row for row in rows if not name_problem(described.asset_query, row)][:MOST_MESHES]
 
 
 def _problem_of(request: ImportRequest) -> str:
-    """Return the reason why a mesh fails its certificate; empty if it passes."""
+    """Return the reason why a mesh fails its certificate, or an empty string if it passes."""
     certificate = certify_target(Target(request.path.name, request.path, request.wishes, request.color))
     said = certificate.refused or "; ".join(f"{check.name}: {check.sentence}" for check in certificate.failed)
     return one_line(said, most=300)

@@ -56,7 +56,7 @@ _RESULT = TypeAdapter(Result)
 
 @dataclass(frozen=True, slots=True)
 class BuildItem:
-    """Scenario to build, in its JSON form, with the identifier of the task that is built from it."""
+    """Scenario to build, as JSON, with the identifier of the task that is built from it."""
 
     scenario: str
     task_id: str
@@ -78,7 +78,7 @@ def build_suite(
     on_import: Callable[[ImportedMeshes], None] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> BuildReport:
-    """Build, certify and write a suite. The same call resumes an interrupted build, and produces the same files.
+    """Build, certify and write a suite. Repeating the call resumes an interrupted build and produces the same files.
 
     Args:
         scenarios: Scenarios to build.
@@ -95,7 +95,7 @@ def build_suite(
         WorkerError: If worker processes keep dying.
     """
     if not scenarios:
-        raise InvalidInputError("scenarios", "the list is empty", "Give at least one scenario")
+        raise InvalidInputError("scenarios", "the list is empty", "Pass at least one scenario")
     require_suite_name(name)  # check before hours of work
     settings = settings or Settings()
     if meshes is not None:
@@ -243,7 +243,7 @@ def _key(item: BuildItem, settings: Settings) -> str:
 
 
 def new_task_id(name: str, taken: Counter[str]) -> str:
-    """Return a unique task identifier for a scenario, made of the letters and digits of its name, and reserve it."""
+    """Create a unique task identifier from the letters and digits in a scenario's name, and reserve it."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
     base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
     found, number = base, 1

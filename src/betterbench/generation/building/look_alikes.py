@@ -28,7 +28,7 @@ def look_alikes_in(
 ) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
     """For each item, yield its name and a list of distractors that have its color or shape.
 
-    The distractors are of other kinds than the item, and the most similar one comes first.
+    The distractors differ from the item in kind. The most similar one comes first.
     """
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})
@@ -56,7 +56,7 @@ def _distractor(entry: CatalogueEntry) -> ObjectSpec:
 
 
 def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
-    """Return the catalogue rows whose assets fit into the gripper, by category.
+    """Return the catalogue rows of assets that fit into the gripper, by category.
 
     Categories that are already present in the scenario are left out.
     """
@@ -70,7 +70,7 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return how similar an item and the most similar of some catalogue rows are (0 to 3), and this row.
+    """Find the catalogue row that is most similar to an item. Return the similarity (0 to 3) and the row.
 
     The similarity is 0 if neither the color nor the shape is the same.
     """

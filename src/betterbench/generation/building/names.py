@@ -12,7 +12,7 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.terms import terms
 
 SYNONYMS = 2
-"""Number of leading tags of an asset that always count as its names."""
+"""Number of tags of an asset, from the first one, that are always accepted as its names."""
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
@@ -64,7 +64,10 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 
 @functools.lru_cache(1024)
 def _phrases_of(noun: str) -> tuple[tuple[frozenset[str], ...], ...]:
-    """Return the alternative phrases of each concept of a noun; a noun is compared with every asset of a catalogue."""
+    """Return the alternative phrases for each concept in a noun.
+
+    Results are cached, because a noun is compared with every asset.
+    """
     said = [[phrase for phrase, _ in concept.alternatives] for concept in understood(noun).concepts]
     if not said:  # the search ignores "can" as a verb
         said = [[tuple(terms(noun))]]
@@ -91,7 +94,7 @@ def _noun(choice: Choice) -> str:
 
 
 def noun_of(entry: CatalogueEntry) -> str:
-    """Return the noun by which instructions refer to an asset.
+    """Return the noun that instructions use for an asset.
 
     This is the tag that consists of the same words as the name of the asset. If there is none, it is the first tag.
     """
@@ -100,7 +103,7 @@ def noun_of(entry: CatalogueEntry) -> str:
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return possible nouns of an object: its kind and the first tags of its asset.
+    """Return the nouns that can refer to an object: its kind and the first tags of its asset.
 
     Each noun is a tuple of normalized words without colors.
     """

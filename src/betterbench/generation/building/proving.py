@@ -24,7 +24,7 @@ class Proof:
 
     Attributes:
         demonstrated: Measurements of the task's demonstrations.
-        trials: Certificates of the task's trials, in the order of the conditions.
+        trials: Certificates of the task's trials, ordered by condition.
     """
 
     demonstrated: Demonstrated
@@ -32,7 +32,7 @@ class Proof:
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Conditions with a trial that failed its certificate, in order."""
+        """Conditions with at least one trial that failed its certificate, in order."""
         groups: dict[str, list[TrialCertificate]] = {}
         for trial in self.trials:
             if not trial.passed:
@@ -51,7 +51,10 @@ class Proof:
 
 @contextmanager
 def provisional(task: Task) -> Iterator[Task]:
-    """While the context is open, register a task, so that its conditions and trials can be looked up by name."""
+    """Context manager that registers a task while it is open.
+
+    The task's conditions and trials can then be looked up by name.
+    """
     with registered_for_now(task) as known:
         resolve_condition.cache_clear()
         try:
@@ -68,8 +71,8 @@ def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
 
     Args:
         task: Registered task.
-        seeds: Number of trials per variation, from seed 0. As in ``better eval --trials``, the training conditions
-            together have as many trials as the variations.
+        seeds: Number of trials per variation, from seed 0. As in ``better eval --trials``, all training conditions
+            together have as many trials as all variations together.
         demonstrations: Number of demonstrations, at least one for each training condition.
     """
     first, later = planned_demonstrations(task, demonstrations)

@@ -1,4 +1,4 @@
-"""Stored results of a build, which can be read without a simulator."""
+"""Stored results of a build. They can be read without a simulator."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from betterbench.tasks.demonstrated import Demonstrated
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of a build that affect its results.
+    """Build settings that affect the results.
 
     Attributes:
-        seeds: Number of certified trials per variation, from seed 0.
+        seeds: Number of certified trials per variation. Their seeds start at 0.
         demonstrations: Number of measured demonstrations per task. Each training condition has at least one.
     """
 
@@ -51,7 +51,7 @@ class Attempt:
 
     Attributes:
         change: Difference from the first attempt ("other slots").
-        reason: Reason why the attempt failed; empty if it succeeded.
+        reason: Reason why the attempt failed. Empty if it succeeded.
         failures: Conditions that failed a clause of the certificate.
     """
 
@@ -105,9 +105,9 @@ class Result:
         attempts: All attempts, with the reasons of failures.
         left_out: Variations that were left out because they failed their certificate.
         unbuilt: Variations of the template that could not be derived for the task.
-        confounds: Regularities of the training conditions, stated in sentences.
+        confounds: Regularities in the training conditions, one sentence each.
         chosen: Chosen assets, with their search scores.
-        task: Task in JSON form; None if no attempt succeeded.
+        task: Task in JSON form. None if no attempt succeeded.
         demonstrated: Measurements of the task's demonstrations.
         trials: Certificates of the task's trials.
     """
@@ -138,7 +138,7 @@ class BuildReport:
 
     Attributes:
         results: One result for each scenario, in order.
-        suite: Folder of the suite; None if no task was certified.
+        suite: Folder of the suite. None if no task was certified.
     """
 
     results: tuple[Result, ...]

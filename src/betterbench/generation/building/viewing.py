@@ -17,7 +17,7 @@ MEANING = "the front camera shows every object of the instruction"
 
 
 def badly_framed(task: Task, conditions: Sequence[Condition], *, seeds: int) -> tuple[Failure, ...]:
-    """Return the conditions for which the front camera does not show every initial scene within the framing limits.
+    """Return the conditions with an initial scene that the front camera does not show within the framing limits.
 
     Args:
         task: Registered task.

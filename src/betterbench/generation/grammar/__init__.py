@@ -1,6 +1,6 @@
-"""Grammar, from which scenarios are written without a language model.
+"""Grammar that generates scenarios without a language model.
 
-It consists of themes, which are contexts with library objects that plausibly occur together.
+It consists of themes. A theme is a context with library objects that plausibly occur together.
 
 - ``templates``: the themes of each template, one file each.
 - ``theme``: pools of objects, groups, themes, and the registry of grammars.

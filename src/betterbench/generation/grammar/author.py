@@ -1,4 +1,4 @@
-"""Author that needs no language model. It draws scenarios from the themes of a template, depending on a seed."""
+"""Author that needs no language model. It uses a seed to draw scenarios from the themes of a template."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Wanted:
     """Object that the user names in a sentence.
 
     Attributes:
-        group_id: Object group of the template to which it belongs.
-        kinds: Kinds (category and color) of library objects to which the noun may refer.
+        group_id: Object group of the template that the object belongs to.
+        kinds: Kinds (category and color) of library objects that the noun may refer to.
         noun: Noun used by the user, with its color.
     """
 
@@ -52,13 +52,16 @@ def grammar_of(template: str) -> Grammar:
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return the key that two choices of objects share if they have the same categories and colors in each group."""
+    """Return a key for a choice of objects.
+
+    Choices with the same categories and colors in each group have the same key.
+    """
     return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
 
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return how many scenarios the grammar of a template can give, where near-duplicates count only once."""
+    """Return how many scenarios the grammar of a template can generate. Near-duplicates are counted only once."""
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -75,7 +78,7 @@ def write_scenarios(
         count: Number of scenarios.
         seed: Seed of all choices.
         wanted: Objects that each scenario must contain.
-        about: Words of the user. Only the themes that share the most words with this text are used.
+        about: Sentence of the user. Only the themes that share the most words with it are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
@@ -132,7 +135,7 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield the features of a choice of objects, each with a weight that penalizes repeating it.
+    """Yield the features of a choice of objects. Each has a weight, which is the penalty for repeating it.
 
     The weight is high for categories and low for colors.
     """
@@ -147,7 +150,7 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 
 
 def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
-    """Yield the choices that contain all wanted objects, with an object of its own for each wanted object."""
+    """Yield the choices that contain a separate object for each wanted object."""
     of_group: dict[str, list[Wanted]] = {}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
         of_group.setdefault(want.group_id, []).append(want)
@@ -157,7 +160,7 @@ def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
 
 
 def _has(kinds: tuple[Kind, ...], wanted: Iterable[Wanted]) -> bool:
-    """Return whether the kinds of a group contain a different object for each wanted object of the group."""
+    """Return whether each wanted object of a group can be matched with a different object in the group."""
     free = list(kinds)
     for want in wanted:
         found = next((kind for kind in free if kind in want.kinds), None)
@@ -219,9 +222,9 @@ def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
 
 
 def _may_have(theme: Theme, want: Wanted) -> bool:
-    """Return whether a theme may contain a wanted object, judged from its pools.
+    """Return whether a theme may contain a wanted object.
 
-    Enumerating the thousands of choices would take too long.
+    Only the pools of the theme are checked, because enumerating the thousands of choices would take too long.
     """
     group = theme.groups.get(want.group_id)
     return group is not None and any(
@@ -245,7 +248,7 @@ def _others(
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
-    """Return the themes that share the most words with a text, or all themes if none shares a word."""
+    """Return the themes that share the most words with a text. If none shares a word, return all themes."""
     words = set(terms(about))
     shared = [len(words & theme_words(theme)) for theme in themes]
     return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))
@@ -266,7 +269,7 @@ _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
-    """Return a scenario with the chosen objects and one of the theme's instructions, drawn at random."""
+    """Return a scenario with the chosen objects and a randomly chosen instruction of the theme."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -278,7 +281,7 @@ def _named(kinds: tuple[Kind, ...]) -> str:
 
 
 def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
-    """Give objects unique instance names, by adding a number to repeated names."""
+    """Make the instance names of objects unique by appending a number to repeated names."""
     seen: Counter[str] = Counter()
     found = []
     for described_object in objects:
@@ -310,7 +313,7 @@ def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
 
 
 def shown_colors(template: str) -> dict[str, dict[str, tuple[str, ...]]]:
-    """Return the colors of each category in a template's grammar, by group and category."""
+    """Return the colors in a template's grammar, by group and category."""
     grammar = grammar_of(template)
     return {
         group_id: {

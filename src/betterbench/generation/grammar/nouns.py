@@ -22,7 +22,7 @@ class Phrase:
 
     Attributes:
         short: Noun for use in an instruction, without a color ("mug").
-        long: Description without an article; ``{color}`` stands for the color ("{color} coffee mug").
+        long: Description without an article. ``{color}`` stands for the color ("{color} coffee mug").
         query: Search query for the catalogue.
     """
 
@@ -108,7 +108,7 @@ def phrase_of(category: str, color: str) -> Phrase:
 
 
 def short_name(category: str, color: str, *, colored: bool = True) -> str:
-    """Return the noun by which instructions refer to an object ("blue lunchbox").
+    """Return the noun that instructions use for an object ("blue lunchbox").
 
     The noun includes the color if the category has several colors.
     """
@@ -117,7 +117,7 @@ def short_name(category: str, color: str, *, colored: bool = True) -> str:
 
 
 def described(category: str, color: str) -> DescribedObject:
-    """Return the description of an object, with the ranges of mass and size of its category.
+    """Return the description of an object. It includes the ranges of mass and size for the object's category.
 
     The tags of the description are the category and the color.
     """
@@ -131,14 +131,14 @@ def described(category: str, color: str) -> DescribedObject:
 
 
 def capitalized(text: str) -> str:
-    """Return a text with a capital first letter."""
+    """Return a string with its first letter capitalized."""
     return text[:1].upper() + text[1:]
 
 
 def measured(category: str) -> Measures:
-    """Return the ranges of mass and size of a category.
+    """Return the ranges of mass and size for a category.
 
-    They are read from ``measures.json``. A category that a user has added is not in this file, so it is measured.
+    They are read from ``measures.json``. Categories added by a user are not in this file, so they are measured.
     """
     return _stored().get(category) or measure(category)
 
@@ -149,7 +149,7 @@ Measures = tuple[tuple[float, float], tuple[float, float]]
 
 @functools.cache
 def measure(category: str) -> Measures:
-    """Measure the ranges of mass and of the largest dimension over all variants (looks) of a category.
+    """Measure the mass and the largest dimension of all variants of a category, and return the ranges.
 
     The ranges are rounded outward to 1 g and 1 mm. Measuring all categories takes a minute, so
     ``tools/grammar_measures.py`` stores the ranges.

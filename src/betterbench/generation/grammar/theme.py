@@ -1,4 +1,4 @@
-"""Themes of a template: contexts, each with objects that fit it."""
+"""Themes of a template. A theme is a context, such as a kitchen, with objects that fit it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Set of library objects, some of which are drawn for a scenario.
+    """Set of library objects. Some of them are drawn for each scenario.
 
     Attributes:
         categories: Asset categories of the library.
@@ -57,10 +57,10 @@ class Group:
     """Objects that a theme provides for an object group of the template.
 
     Attributes:
-        pools: Pools from which the objects are drawn.
+        pools: Pools that the objects are drawn from.
         colors_differ: Whether all objects must have different colors. Otherwise, it is enough that no two are
             identical.
-        follows: Group whose color the objects must have. Drawers, for example, have the color of the cabinet.
+        follows: Group with the color that the objects must have. Drawers, for example, have the color of the cabinet.
     """
 
     pools: tuple[Pool, ...]
@@ -89,7 +89,8 @@ class Theme:
     Attributes:
         name: Name of the scenarios with this theme ("Packing a picnic").
         context: Place or situation ("park").
-        instructions: Wordings of the instruction; ``{container}`` stands for the first object of that group.
+        instructions: Wordings of the instruction. A placeholder such as ``{container}`` stands for the first object of
+            that group.
         groups: Objects by ``group_id``, in the order of the template.
     """
 
@@ -99,7 +100,7 @@ class Theme:
     groups: Mapping[str, Group]
 
     def choices(self, fits: Callable[[str, tuple[Kind, ...]], bool] = lambda _group, _kinds: True) -> Iterator[Choice]:
-        """Yield the choices of objects for all groups of the theme in which every group fits."""
+        """Yield all choices of objects for the theme in which the objects of every group pass ``fits``."""
         known: dict[tuple[str, str], list[tuple[Kind, ...]]] = {}  # the choices of a group depend on a color alone
 
         def of_group(name: str, before: Choice) -> list[tuple[Kind, ...]]:
@@ -120,13 +121,13 @@ class Theme:
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """Themes of a template, from which the offline author writes scenarios.
+    """Themes of a template. The offline author uses them to write scenarios.
 
     Attributes:
         template: Template that the scenarios fill.
         themes: Themes of the template.
-        requested: Name of scenarios with objects that the user named but that no theme contains.
-        general: Instruction of these scenarios.
+        requested: Name for scenarios with objects that the user named but that no theme contains.
+        general: Instruction for these scenarios.
         most_items: Maximum number of items that the pattern of the template supports.
     """
 

@@ -1,6 +1,6 @@
 """Growth of a suite under quotas, until it has a requested number of certified tasks.
 
-- ``quotas``: minimum and maximum amounts of templates, axes, contexts and difficulties; detection of contradictions.
+- ``quotas``: minimum and maximum amounts for templates, axes, contexts and difficulties; detection of contradictions.
 - ``likeness``: keys that near-duplicate tasks share. ``difficulty``: levels of difficulty of certified tasks.
 - ``sources``: authors that propose the next scenario: the grammar or a language model.
 - ``steering``: choice of the next template and context, and acceptance of certified tasks.

@@ -1,4 +1,4 @@
-"""Difficulty of a certified task, measured by the time that the scripted expert takes."""
+"""Difficulty of a certified task, based on the time that the scripted expert takes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ drawers or stacks of layers take 18 to 21 s. The limits lie between these groups
 def median_s(trials: Iterable[TrialCertificate]) -> float:
     """Return the expert's median time over the trials of variations [s].
 
-    Variations in which the expert has nothing to do are ignored. If no trial is left, return 0.
+    Variations where the expert has nothing to do are ignored. If no trial is left, return 0.
     """
     steps = [trial.steps for trial in trials if not trial.training and not trial.watched]
     return statistics.median(steps) / CONTROL_RATE_HZ if steps else 0.0

@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
 Scenarios are drawn in rounds. Each draw depends on the seed, the tasks accepted in earlier rounds, and the earlier
-draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built. The
-same command therefore resumes after an interruption, and produces the same files.
+draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built.
+Running the same command again therefore resumes an interrupted job and produces the same files.
 """
 
 from __future__ import annotations
@@ -59,12 +59,13 @@ class GrowSettings:
     """Settings for growing a suite.
 
     Attributes:
-        until: Number of certified tasks at which the growth stops.
+        until: Number of certified tasks. The growth stops when the suite has this number of tasks.
         author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
         build: Number of seeds to certify, and number of demonstrations.
         quotas: Minimum and maximum amounts that the suite must have.
-        distinct: Minimum difference between two tasks that are not near-duplicates.
-        unlike: Suites whose near-duplicates are left out: "better60", or folders.
+        distinct: What near-duplicate tasks have in common: the categories of their objects ("categories"), or the
+            categories and colors ("colors").
+        unlike: Suites to compare with: "better60", or folders. Near-duplicates of their tasks are left out.
         max_attempts: Maximum number of scenarios that are built. If it is None, three are built per requested task.
         name: Name of the suite, without its digest.
     """
@@ -80,7 +81,7 @@ class GrowSettings:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Names of the templates from which scenarios are drawn."""
+        """Names of the templates that scenarios are drawn from."""
         return (self.author.target,) if self.author.target else tuple(TEMPLATES)
 
     @property
@@ -117,7 +118,7 @@ class GrowProgress:
         accepted: Number of certified tasks, including those of the current round.
         refused: Number of scenarios that could not be certified.
         left_out: Number of proposed scenarios that were not built.
-        last: Result of the last scenario that was built; None while scenarios are drawn.
+        last: Result of the last scenario that was built. None while scenarios are drawn.
         proposed: Number of the last proposal.
     """
 
@@ -137,8 +138,8 @@ class PreparedGrowth:
 
     Attributes:
         settings: Settings that were checked.
-        known: Names of the tasks in other suites, by the key that near-duplicates of the task share.
-        offline: Author that uses the grammar; None if a model is used.
+        known: Names of the tasks in other suites, by their near-duplicate key (see ``likeness``).
+        offline: Author that uses the grammar. None if a model is used.
     """
 
     settings: GrowSettings
@@ -158,7 +159,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
     require_between("--until", settings.until, 1, MOST_TASKS)
     require_suite_name(settings.name, where="--name")
     if author.target and author.sentence:
-        cure = "Give a template, or leave it out for all templates"
+        cure = "Use the name of a template, or leave it out to use all templates"
         raise InvalidInputError(
             "better generate", "a sentence describes a single scenario, but --until needs many scenarios", cure
         )
@@ -176,7 +177,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Supply of scenarios by a model, which is assumed to be unlimited."""
+    """Supply of scenarios from a model. It is assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates
@@ -198,7 +199,7 @@ def grow_suite(
     on_progress: OnGrow | None = None,
     on_round: Callable[[Growth], None] | None = None,
 ) -> Growth:
-    """Fill a suite with certified tasks. The same call resumes and produces the same files.
+    """Fill a suite with certified tasks. Repeating the call resumes an interrupted job and produces the same files.
 
     Args:
         prepared: Checked settings. They cannot be reused for another call.
@@ -207,7 +208,7 @@ def grow_suite(
         chat: Model to ask instead of the model in the settings.
         overwrite: Whether a folder with other settings may be used.
         on_progress: Called after every proposal and every result.
-        on_round: Called after every round with the outcome so far, which does not contain a suite yet.
+        on_round: Called after every round with the outcome so far. This outcome does not contain a suite yet.
 
     Raises:
         InvalidInputError: If the file to replay contains no exchange, or a stored result is damaged.
@@ -244,7 +245,7 @@ def grow_suite(
 
 
 class _Growing:
-    """State of the job: the proposals, the certified tasks and the rejected scenarios so far, in order."""
+    """State of the job: all proposals, certified tasks and rejected scenarios so far, in order."""
 
     def __init__(
         self,
@@ -295,7 +296,7 @@ class _Growing:
     def _drawn(self, size: int) -> list[Proposal]:
         """Return the scenarios of the next round.
 
-        Stored proposals are used first; after that, new ones are requested.
+        Stored proposals are used first. After that, new ones are requested.
         """
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1

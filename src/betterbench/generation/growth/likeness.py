@@ -15,7 +15,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.condition import Role
 
 Distinct = Literal["categories", "colors"]
-"""Minimum difference between two tasks that are not near-duplicates.
+"""Smallest difference with which two tasks are not near-duplicates.
 
 With "categories", an object must have a different category. With "colors", a different color is enough.
 """
@@ -24,7 +24,7 @@ _RECEIVERS: tuple[Role, ...] = ("container", "fixture")
 
 
 def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct = "categories") -> str:
-    """Return the key that near-duplicate tasks share, such as "loose_packing: apple, lemon, orange; lunchbox".
+    """Return the key shared by near-duplicate tasks, such as "loose_packing: apple, lemon, orange; lunchbox".
 
     The key contains the distinct categories of the items and of the container, anchor or fixture. It does not depend on
     variants, names, numbers, sides, order, distractors or drawers.
@@ -32,7 +32,7 @@ def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct
     Args:
         template: Name of the template.
         kinds: Role, category and color of each object that is moved or receives other objects.
-        distinct: Whether the key contains only categories (categories) or also colors (colors).
+        distinct: Whether the key contains only categories ("categories") or also colors ("colors").
     """
     found: dict[bool, set[str]] = {False: set(), True: set()}
     for role, (category, color) in kinds:
@@ -44,13 +44,13 @@ def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct
 
 
 def key_of_choice(template: str, choice: Mapping[str, Iterable[Kind]], distinct: Distinct = "categories") -> str:
-    """Return the key that near-duplicate tasks share, given the objects that the grammar chose for each group."""
+    """Return the near-duplicate key for the objects that the grammar chose for each group."""
     roles = _roles(template)
     return key_of(template, ((roles[group], kind) for group, kinds in choice.items() for kind in kinds), distinct)
 
 
 def key_of_scenario(scenario: Scenario, catalogue: Catalogue, distinct: Distinct = "categories") -> str:
-    """Return the key that near-duplicates of a scenario share. It is computed from the assets that a search finds.
+    """Return the near-duplicate key of a scenario. It is computed from the assets that a search finds.
 
     Raises:
         InvalidInputError: If a description has no suitable asset.
@@ -62,7 +62,7 @@ def key_of_scenario(scenario: Scenario, catalogue: Catalogue, distinct: Distinct
 
 
 def key_of_task(task: Task, distinct: Distinct = "categories") -> str:
-    """Return the key that near-duplicates of a task share. It is computed from all training instructions."""
+    """Return the near-duplicate key of a task. It is computed from all training instructions."""
     objects = (spec for condition in task.training for spec in _used(condition))
     return key_of(task.template.name, ((o.role, (o.category, o.color or "")) for o in objects), distinct)
 

@@ -33,13 +33,13 @@ class Proposal:
 
     Attributes:
         number: Number of the proposal, counted from 1.
-        round: Number of the round in which the scenario was proposed, counted from 1.
+        round: Round that proposed the scenario, counted from 1.
         template: Requested template.
-        context: Requested context; empty if any context was allowed.
-        outcome: Whether the scenario is built, or the kind of reason why it is not.
-        key: Key that near-duplicates of the scenario share; empty if it is unknown.
+        context: Requested context. Empty if any context was allowed.
+        outcome: "drawn" if the scenario is built, otherwise the category of the problem.
+        key: Key that near-duplicates of the scenario share. Empty if it is unknown.
         task_id: Identifier of the task if the scenario is built.
-        scenario: Scenario in its stored form; None if the author wrote none.
+        scenario: Scenario in its stored form. None if the author wrote none.
         problem: Reason why the scenario is not built: the earlier task with the same goal, or the first problem in the
             model's last answer.
     """
@@ -72,7 +72,7 @@ _PROPOSAL = TypeAdapter(Proposal)
 
 
 class ProposalFile(LineJournal):
-    """File to which proposals are appended. Each proposal is synced to disk before the next one is made.
+    """Append-only file of proposals. Each proposal is synced to disk before the next one is made.
 
     Raises:
         RecordError: If a line was changed.

@@ -1,4 +1,4 @@
-"""Quotas of a growing suite: minimum and maximum amounts of templates, axes, contexts and difficulties."""
+"""Quotas of a growing suite: minimum and maximum amounts for templates, axes, contexts and difficulties."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """Minimum and maximum amount of a value in a suite, such as at least 20 % of the tasks for one template.
+    """Minimum and maximum amount of tasks or variations with a property.
+
+    An example is at least 20 % of the tasks for one template.
 
     Attributes:
         kind: Property, such as "template".
@@ -188,11 +190,11 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """Scenarios that an author can write, as far as this is known."""
+    """What is known about the scenarios that an author can write."""
 
     @property
     def templates(self) -> Sequence[str]:
-        """Names of the templates for which the author writes scenarios."""
+        """Names of the templates that the author can use."""
 
     def contexts(self) -> Collection[str] | None:
         """Return the contexts of the scenarios, or None if any context is possible."""
@@ -208,8 +210,8 @@ def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, b
         quotas: Quotas to check.
         until: Requested number of tasks.
         supply: Scenarios that the author can write.
-        best_share: For each axis, the largest fraction of variations on this axis that the tasks of an allowed template
-            have.
+        best_share: For each axis, the largest fraction of a task's variations that are on this axis, over all allowed
+            templates.
 
     Raises:
         InvalidInputError: For the first contradiction.
@@ -231,9 +233,7 @@ def _require_each_once(quotas: Sequence[Quota]) -> None:
     for name, count in Counter(quota.name for quota in quotas).items():
         if count > 1:
             both = " and ".join(str(q) for q in quotas if q.name == name)
-            raise InvalidInputError(
-                "--quota", f"{name} is given {count} times ({both})", "Give only one of these quotas"
-            )
+            raise InvalidInputError("--quota", f"{name} occurs {count} times ({both})", "Use only one of these quotas")
 
 
 def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
@@ -246,7 +246,7 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check that the minimums of a property's values, and likewise their maximums, can be met together.
+    """Check that the minimums of all values of a property can be met together, and the maximums as well.
 
     A task or variation has only one value of the property, so the amounts of the values add up.
     """

@@ -19,7 +19,7 @@ of scenarios has been built.
 
 @dataclass(frozen=True, slots=True)
 class QuotaStanding:
-    """A quota, and how far it is fulfilled.
+    """A quota, and how much of it is fulfilled.
 
     Attributes:
         quota: The quota as written in the option.
@@ -53,7 +53,7 @@ class GrownTask:
         difficulty: Level of difficulty.
         expert_s: Median time of the expert in the variations of the task [s].
         variations: Number of variations by axis.
-        set_aside: Reason why the certified task is not part of the suite; empty if it is part of it.
+        set_aside: Reason why the certified task is not part of the suite. Empty if it is part of it.
     """
 
     result: Result
@@ -75,11 +75,11 @@ class Growth:
         tasks: Certified tasks, in order. Tasks with a ``set_aside`` reason are not part of the suite.
         refused: Results of the scenarios that could not be certified.
         proposals: All proposals. Those whose outcome is not "drawn" were not built.
-        quotas: All quotas, and how far each is fulfilled.
-        goals: Number of different goals for which the author has scenarios, or None if it is not known.
+        quotas: All quotas, and how much of each is fulfilled.
+        goals: Number of different goals in the author's scenarios, or None if it is not known.
         near_duplicates: Number of scenarios that were left out because they are near-duplicates.
         known_goals: Number of goals that were left out because a task in another suite has them.
-        suite: Folder of the suite; None if no task was accepted.
+        suite: Folder of the suite. None if no task was accepted.
     """
 
     until: int

@@ -23,7 +23,7 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Number of color choices that are compared for a goal. The choice with the least used colors is taken."""
+"""Number of color choices that are compared for a goal. The choice with the least-used colors is taken."""
 COMPARED = 400
 """Number of goals that are compared for a context. The goal least similar to earlier goals is taken."""
 PATIENCE = 5
@@ -31,7 +31,7 @@ PATIENCE = 5
 
 
 class Cell(NamedTuple):
-    """Template and context for which a scenario is requested. If the context is empty, any context is allowed."""
+    """Template and context of a requested scenario. If the context is empty, any context is allowed."""
 
     template: str
     context: str
@@ -42,9 +42,9 @@ class Proposed:
     """Scenario that an author proposes, or the reason why there is none.
 
     Attributes:
-        outcome: Whether the scenario can be built, or the kind of reason why it cannot.
-        scenario: The scenario; None if the author wrote none.
-        key: Key that near-duplicates of the scenario share; empty if it is unknown.
+        outcome: "drawn" if the scenario can be built, otherwise the category of the problem.
+        scenario: The scenario. None if the author wrote none.
+        key: Key that near-duplicates of the scenario share. Empty if it is unknown.
         problem: Reason why the scenario cannot be built.
     """
 
@@ -57,12 +57,12 @@ class Proposed:
 class Source(Protocol):
     """Author that proposes the next scenario for a growing suite.
 
-    It also states which scenarios it can write, as in :class:`~.quotas.Supply`.
+    It also reports which scenarios it can write, see :class:`~.quotas.Supply`.
     """
 
     @property
     def templates(self) -> Sequence[str]:
-        """Names of the templates for which the author writes scenarios."""
+        """Names of the templates that the author can use."""
 
     def contexts(self) -> Collection[str] | None:
         """Return the contexts of the scenarios, or None if any context is possible."""
@@ -71,22 +71,23 @@ class Source(Protocol):
         """Return the number of scenarios with different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the pairs of template and context that may still have a new scenario, in a fixed order."""
+        """Return the pairs of template and context for which a new scenario may exist. The order is fixed."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return a new scenario for a template and context. The number distinguishes the proposal from all others."""
+        """Return a new scenario for a template and context. ``number`` is unique to this proposal."""
 
     def take(self, proposal: Proposal) -> None:
-        """Take note of a proposal, which may be new or stored."""
+        """Register a proposal that was made now or read from the journal."""
 
 
 class OfflineSource:
-    """Author that uses the grammar. Each goal is used only once, and goals with the least used categories come first.
+    """Author that uses the grammar. Each goal is used only once. Goals with the least-used categories come first.
 
     Args:
-        templates: Names of the templates for which scenarios are proposed.
+        templates: Names of the templates that the author uses.
         seed: Seed of all draws.
-        distinct: Minimum difference between two scenarios that are not near-duplicates.
+        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
+            categories and colors ("colors").
         known: Keys of existing tasks. Near-duplicates of these tasks are left out.
     """
 
@@ -112,7 +113,7 @@ class OfflineSource:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Names of the templates for which scenarios are proposed."""
+        """Names of the templates that the author uses."""
         return self._templates
 
     def contexts(self) -> tuple[str, ...]:
@@ -129,14 +130,14 @@ class OfflineSource:
         return len(keys)
 
     def cells(self) -> list[Cell]:
-        """Return the pairs of template and context that still have a goal that was not drawn."""
+        """Return the pairs of template and context for which at least one goal has not been drawn yet."""
         for cell, keys in self._left.items():
             if any(key in self._done for key in keys[:COMPARED]):
                 self._left[cell] = [key for key in keys if key not in self._done]
         return [cell for cell, keys in self._left.items() if keys]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the scenario for a template and context whose categories and colors were used least so far."""
+        """Return the scenario for a template and context with the least-used categories and colors."""
         fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
         key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
         rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
@@ -146,7 +147,7 @@ class OfflineSource:
         return Proposed("drawn", scenario_of(cell.template, theme, choice, rng), key)
 
     def _cost(self, cell: Cell, choice: Choice, *, colored: bool) -> float:
-        """Return how often the categories in a choice were used before, on average.
+        """Return the average number of times that the categories in a choice were used before.
 
         If ``colored`` is set, pairs of category and color are counted instead of categories.
         """
@@ -154,7 +155,7 @@ class OfflineSource:
         return sum(self._uses[cell.template, name] for name in names) / len(names)
 
     def take(self, proposal: Proposal) -> None:
-        """Take note of a proposal, so that no other scenario with the same goal is drawn."""
+        """Register a proposal, so that no other scenario with the same goal is drawn."""
         self._done.add(proposal.key)
         if proposal.scenario is None:
             return
@@ -182,14 +183,15 @@ class ModelSource:
     """Author that uses a language model.
 
     Args:
-        templates: Names of the templates for which scenarios are proposed.
+        templates: Names of the templates that the author uses.
         chat: Model with its stored exchanges.
         catalogue: Catalogue that is searched for the assets of a scenario, to detect near-duplicates.
         contexts: Contexts that may be requested. A request may also leave the context to the model.
         tries: Maximum number of answers requested per scenario.
         open_vocabulary: Whether the model may use objects that are not in the library.
-        distinct: Minimum difference between two scenarios that are not near-duplicates.
-        known: Names of existing tasks, by the key that near-duplicates of the task share.
+        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
+            categories and colors ("colors").
+        known: Names of existing tasks, by their near-duplicate key.
     """
 
     def __init__(
@@ -212,7 +214,7 @@ class ModelSource:
 
     @property
     def templates(self) -> tuple[str, ...]:
-        """Names of the templates for which scenarios are proposed."""
+        """Names of the templates that the author uses."""
         return self._templates
 
     def contexts(self) -> None:
@@ -224,8 +226,8 @@ class ModelSource:
     def cells(self) -> list[Cell]:
         """Return the pairs of template and context that can be requested.
 
-        Exhausted templates are left out. The others occur with each allowed context, and with an empty one for any
-        context.
+        Exhausted templates are left out. The others are paired with each allowed context, and with an empty string,
+        which stands for any context.
         """
         left = [template for template in self._templates if self._misses[template] < PATIENCE]
         return [Cell(template, context) for template in left for context in ("", *self._contexts)]
@@ -250,9 +252,10 @@ class ModelSource:
         return Proposed("drawn", scenario, key)
 
     def take(self, proposal: Proposal) -> None:
-        """Take note of a proposal.
+        """Register a proposal.
 
-        Later scenarios must differ from the proposed one. After repeated failures, the template counts as exhausted.
+        Later scenarios must differ from the proposed one. After repeated failures, the template is treated as
+        exhausted.
         """
         self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
         if proposal.scenario is not None:

@@ -1,4 +1,4 @@
-"""Choice of the next template and context, and acceptance of certified tasks, with the aim of filling the quotas.
+"""Choice of the next template and context, and acceptance of certified tasks, so that the quotas are filled.
 
 All choices depend only on the accepted tasks and on the drawn scenarios, not on the number of workers or on timing.
 """
@@ -81,7 +81,7 @@ class _Mix:
         return self.variations(axis) / self.total
 
     def level(self, difficulty: str) -> float:
-        """Return the fraction of the tasks that have a level of difficulty."""
+        """Return the fraction of the tasks that have a given level of difficulty."""
         return self._levels[difficulty] / self._number
 
 
@@ -100,7 +100,10 @@ class _Tally:
         return other
 
     def of(self, kind: Kind, value: str) -> float:
-        """Return how many tasks, or variations for an axis, have a value of a property."""
+        """Return how many tasks have a certain value of a property.
+
+        For an axis, variations are counted instead of tasks.
+        """
         return self.counts.get((kind, value), 0.0)
 
     def _count(self, kind: Kind, value: str, number: float) -> None:
@@ -134,7 +137,7 @@ class Steering:
     Args:
         quotas: Quotas that the suite must fulfill.
         until: Requested number of tasks.
-        templates: Names of the templates for which the author writes scenarios.
+        templates: Names of the templates that the author can use.
     """
 
     def __init__(self, quotas: Sequence[Quota], until: int, templates: Sequence[str]) -> None:
@@ -149,19 +152,19 @@ class Steering:
         return self._until - self._tally.tasks
 
     def note(self, cell: Cell) -> None:
-        """Take note of a proposed scenario, so that templates and contexts without a quota are used in turn."""
+        """Count a proposed scenario, so that templates and contexts without a quota are used in turn."""
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
         """Return the template and context of the next scenario, or None if the quotas allow none.
 
-        The chosen template and context are those for which a task would help to fill the most open quotas. If several
-        are equally helpful, the least used ones are chosen. If all missing tasks are needed to reach the minimums for a
+        The choice is the template and context with which a task would help to fill the most open quotas. If several are
+        equally helpful, the least-used ones are chosen. If all missing tasks are needed to reach the minimums for a
         property, only values of this property that still lack tasks are chosen.
 
         Args:
-            cells: Templates and contexts for which the author has a new scenario.
-            pending: Templates and contexts of the scenarios that are being built, each of which counts as a task.
+            cells: Templates and contexts that the author has a new scenario for.
+            pending: Templates and contexts of the scenarios that are being built. Each scenario counts as one task.
         """
         tally = self._tally.copy()
         for cell in pending:
@@ -191,7 +194,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return how many tasks are still missing to reach the minimum in the quota for a value."""
+        """Return how many more tasks are needed to reach the minimum in the quota for a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -201,7 +204,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return how many open quotas a task with a template and context is expected to help fill."""
+        """Return how many open quotas a task with a given template and context is expected to help fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:
@@ -215,7 +218,10 @@ class Steering:
         return round(found, 9)
 
     def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
-        """Return how much a task helps to fill the quota for an axis, relative to the best template (from 0 to 1)."""
+        """Return how much a task helps to fill the quota for an axis, from 0 to 1.
+
+        The value is relative to the template with the largest fraction of variations on this axis.
+        """
         best = max(m.share(quota.value) for m in self._mixes.values()) or 1.0
         share = 100.0 * tally.of("axis", quota.value) / tally.variations if tally.variations else 0.0
         if share < quota.least:
@@ -225,7 +231,7 @@ class Steering:
         return 0.0
 
     def take(self, traits: Traits) -> str:
-        """Accept a certified task and return an empty text, or return the reason why a quota excludes the task."""
+        """Accept a certified task and return an empty string, or return why a quota rules it out."""
         self._mixes[traits.template].add(traits)
         after = self._tally.copy()
         after.add(traits)
@@ -245,7 +251,7 @@ class Steering:
         return ""
 
     def _is_reachable(self, quota: Quota, tally: _Tally, places: int) -> bool:
-        """Return whether the quota for an axis can still be met if the most suitable template is used from now on."""
+        """Return whether the quota for an axis can still be met if only the best template is used from now on."""
         low, high = quota.least / 100.0, 1.0 if quota.most is None else quota.most / 100.0
         number, total = tally.of("axis", quota.value), tally.variations
         surplus = max(m.variations(quota.value) - low * m.total for m in self._mixes.values())
@@ -253,7 +259,7 @@ class Steering:
         return number - low * total + places * surplus > -1e-9 and number - high * total + places * excess < 1e-9
 
     def best_share(self) -> dict[str, float]:
-        """Return the largest expected fraction of a task's variations on each axis, among all templates."""
+        """Return the largest expected fraction of a task's variations that are on each axis, over all templates."""
         return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
 
     def standing(self) -> list[tuple[Quota, float, bool]]:

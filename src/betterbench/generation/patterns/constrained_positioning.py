@@ -1,6 +1,6 @@
 """Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-In training, instructions name the object itself only in the first layout, and its position only in the second layout.
+In training, instructions for the first layout name only the object, and those for the second layout only its position.
 """
 
 import itertools
@@ -150,8 +150,8 @@ class _Positioning:
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
         """Return the training condition that serves as the twin of a variation.
 
-        It is the first training condition with the same layout whose instruction requests another item, so that
-        repeating its motion does not solve the variation.
+        This is the first training condition that has the same layout but an instruction for another item. Repeating the
+        motion of the twin therefore does not solve the variation.
         """
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
@@ -166,8 +166,8 @@ class _Positioning:
 
         Each word occurs in scenes with all items and an additional object, and in scenes with a single item. A single
         item is alone, or together with the look-alike of another item. It is never together with its own look-alike,
-        because this scene is a test. Because of the additional object, the scenes with all items differ from those of
-        the tests. Only the words determine the target.
+        because that scene is used in a test. Because of the additional object, the scenes with all items differ from
+        those of the tests. Only the words determine the target.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
@@ -192,12 +192,12 @@ class _Positioning:
     def _beside(self) -> dict[str, a.ObjectSpec]:
         """Return the look-alike of each item, by the name of the item.
 
-        If no item has a look-alike, return a toy block under the name "".
+        If no item has a look-alike, return a toy block with the key "".
         """
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the cyclic rotations of the items, in which each item is in each slot once."""
+        """Return all cyclic rotations of the items, so that every item appears in every slot exactly once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 
@@ -233,8 +233,8 @@ def _require_fit(item: a.ObjectSpec, fixture: a.ObjectSpec) -> None:
     """Check that every variant of an item fits on the ring of every variant of the fixture while the gripper holds it.
 
     Raises:
-        InvalidInputError: If the fixture has no ring, or the item is too wide, too high, or held in such a way that the
-            gripper would touch the head of the fixture.
+        InvalidInputError: If the fixture has no ring, if the item is too wide or too high, or if the gripper would
+            touch the head of the fixture while it holds the item.
     """
     require_grasp(item)
     require_footprint(item, LONGEST_M, "A slot")
@@ -245,13 +245,13 @@ def _require_fit(item: a.ObjectSpec, fixture: a.ObjectSpec) -> None:
             raise refused(item, f"is {mm(width)} wide", f"The ring is {mm(allowed)} wide; choose a narrower object")
         free = spout.position[2] - spout.half_size[2] - ring.position[2] - ENTRY_RISE_M - MARGIN_M
         if asset.size_m[2] > free:
-            cure = f"Below the spout there is room for {mm(free)}; choose a lower object"
+            cure = f"Below the spout there is room for {mm(free)}; choose an object that is not as tall"
             raise refused(item, f"is {mm(asset.size_m[2])} high", cure)
         head = spout.position[0] + spout.half_size[0] - ring.position[0]
         needed = head + HALF_HAND_M + MARGIN_M
         foot_x, _ = foot_of(asset)
         held = max(grasp.pose.position[0] - foot_x for grasp in asset.grasps)
         if held < needed:
-            problem = f"is held {mm(held)} in front of its middle"
+            problem = f"would be grasped {mm(held)} in front of its middle"
             cure = f"The gripper needs {mm(needed)} to stay clear of the spout; choose an object with a handle"
             raise refused(item, problem, cure)

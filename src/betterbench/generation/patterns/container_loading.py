@@ -58,7 +58,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def container_loading(cast: Cast) -> GeneratedTask:
     """Return a task with two objects, and a cabinet with an upper and a lower drawer.
 
-    While the upper drawer is open, nothing can be put into the lower one.
+    Nothing can be put into the lower drawer while the upper one is open.
 
     Raises:
         InvalidInputError: If an object does not fit. The message names the object.
@@ -95,10 +95,9 @@ class _Loading:
         )
 
     def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
-        """Return the two items in order.
+        """Return the two items, starting with the one that goes into the upper drawer in training.
 
-        The first one goes into the upper drawer in training. The given order is exchanged if the scenario's instruction
-        puts the items into the other drawers.
+        The given order is reversed if the scenario's instruction puts the items into the other drawers.
         """
         stated = stated_goal(self.cast.scenario).regions
         first, second = items
@@ -171,9 +170,9 @@ class _Loading:
     def _balanced(self) -> list[Condition]:
         """Return balanced conditions in four layouts.
 
-        Each object goes into each drawer, which is open or closed at the start. A test has the instruction to put only
-        the first object into the lower drawer. Here, this instruction is therefore always combined with one about the
-        other object.
+        Each object is put into each drawer, and the drawers are open or closed at the start. In a test, the instruction
+        is to put only the first object into the lower drawer. In the balanced conditions, this instruction is therefore
+        always combined with one about the other object.
         """
         (first, second), upper, lower = self.items, self.upper, self.lower
         back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}
@@ -219,7 +218,7 @@ class _Loading:
 
 
 def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectSpec]:
-    """Return the upper and the lower drawer, each with its mount.
+    """Return the upper and the lower drawer with their mounts.
 
     Raises:
         InvalidInputError: If the cast does not have one drawer for each mount of the cabinet, or a drawer does not
@@ -248,7 +247,7 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether an object has corners, so that it needs more room in a drawer when it is rotated."""
+    """Return whether an object has corners. Such an object needs more room in a drawer when it is rotated."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
@@ -260,7 +259,7 @@ def _has_corners(item: a.ObjectSpec) -> bool:
 
 
 def _is_round(asset: Asset) -> bool:
-    """Return whether an object is about as wide as long, without corners."""
+    """Return whether an object is about as wide as it is long, and has no corners."""
     long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
     return wide > 0.9 * long and radius_below(asset, math.inf) <= 0.5 * long + 0.003
 
@@ -286,5 +285,5 @@ def _require_fit(item: a.ObjectSpec, cabinet: a.ObjectSpec, drawers: tuple[a.Obj
             floor = inside.position[2] - inside.half_size[2]
             free = 2.0 * mount.half_size[2] - floor - WALL_M
             if height > free:
-                cure = f"The closed {drawer.kind} has room for {mm(free)}; choose a lower object"
+                cure = f"The closed {drawer.kind} has room for {mm(free)}; choose an object that is not as tall"
                 raise refused(item, f"is {mm(height)} high", cure)

@@ -1,4 +1,4 @@
-"""Draft of a generated task: its training conditions, its variations numbered by axis, and variations left out."""
+"""Draft of a generated task: its training conditions, its variations, and the variations left out."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from betterbench.tasks.axes import Axis
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 LEAST_VARIATIONS, LEAST_AXES = 4, 3
-"""Minimum number of variations of a generated task, and minimum number of axes to which they belong."""
+"""Minimum number of variations of a generated task, and minimum number of axes among them."""
 
 
 @dataclass
 class Draft:
-    """Task under construction, which :meth:`finish` checks and completes.
+    """Task under construction. :meth:`finish` checks and completes it.
 
     Attributes:
         training: Training conditions. They get the names train1, train2 and so on.
@@ -71,7 +71,8 @@ class Draft:
     ) -> bool:
         """Add a variation.
 
-        If it is impossible, tests nothing new, or its objects may touch, list it as unbuilt instead.
+        The variation is listed as unbuilt instead if it is impossible, if it tests nothing new, or if its objects may
+        touch.
 
         Returns:
             Whether the variation was added.
@@ -131,7 +132,7 @@ class Draft:
 
         If there are more than three movable objects, only the cyclic rotations of their order are used. Objects that
         the instruction does not request are missing in one of four conditions, and in every condition that would
-        otherwise be a test.
+        otherwise be the same as a test.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -199,10 +200,10 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Build a task from each choice in turn, and return the first one in which the objects have enough room.
+    """Build a task from each choice in turn, and return the first one where the objects have enough room.
 
     Raises:
-        InvalidInputError: If no choice leaves enough room. This is the error of the last choice.
+        InvalidInputError: If no choice leaves enough room. The error of the last choice is raised.
     """
     errors = []
     for choice in choices:
@@ -214,7 +215,7 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
 
 
 def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
-    """Sort variations by axis, in the order layout, recomposition, object, time."""
+    """Sort variations by axis: layout shift, recomposition, object perturbation, temporal extrapolation."""
     return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 

@@ -1,4 +1,4 @@
-"""Logical assembly: layers are put on a base in a strict order, as in the task cheeseburger."""
+"""Logical assembly: layers are put on a base in a strict order, as in the task ``cheeseburger``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TABLE = Table(
 """Slots of the task cheeseburger in the suite."""
 
 _TALLEST_M = 0.15
-"""Maximum height of a stack above its base at which the arm can still carry the last layer over the stack [m]."""
+"""Maximum height of a stack above its base [m]. The arm can just carry the last layer over a stack of this height."""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
@@ -44,10 +44,7 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Objects of a stack.
-
-    These are the base, three layers whose order varies, and possibly a layer that always comes last.
-    """
+    """Objects of a stack: the base, three layers in varying order, and optionally a layer that is always on top."""
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]
@@ -73,7 +70,7 @@ class _Stack:
 
 @pattern(a.LOGICAL_ASSEMBLY)
 def logical_assembly(cast: Cast) -> GeneratedTask:
-    """Return a task in which layers are put on a base: the first layer, then one of two others.
+    """Return a task in which layers are put on a base. The first layer is followed by one of two others.
 
     If there are four layers, the fourth one is always put on top. Distractors are not used, because the layers occupy
     all slots.

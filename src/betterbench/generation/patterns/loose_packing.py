@@ -1,4 +1,4 @@
-"""Loose packing: the first item and another one are put into a container, as in the tasks fruit_lunch and fast_food."""
+"""Loose packing: the first item and another one are put into a container, as in ``fruit_lunch`` and ``fast_food``."""
 
 from __future__ import annotations
 
@@ -31,15 +31,17 @@ OPEN_TABLES = tuple(
     Table(starts, (stand,))
     for starts, stand in ((_FOUR, _ACROSS), (_FOUR, _FLOOR), (_THREE, _FLOOR), (_THREE, _ACROSS))
 )
-"""Choices of slots for containers without a lid: those of the task fast_food, the same with the container position of
-the task tidy_desk, and three slots with more room.
+"""Choices of slots for containers without a lid.
+
+They are the slots of the task ``fast_food``, the same slots with the container position of the task ``tidy_desk``, and
+three slots with more room.
 """
 LID_TABLES = (Table(_THREE, (_STAND,)),)
-"""Slots of the task fruit_lunch in the suite, for containers with a raised lid. The lid points away from the arm."""
+"""Slots of the suite's task ``fruit_lunch``, for containers with a raised lid. The lid points away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
 
 _LID_M = 0.10
-"""Minimum difference between the height of a container and the depth of its inside that indicates a raised lid [m]."""
+"""Minimum difference between the height and the inner depth of a container with a raised lid [m]."""
 
 _ROOM_M = 0.005
 """Clearance that the expert keeps between an item and the walls [m], see the relation ``inside``."""
@@ -84,10 +86,10 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether three items fit into the container. Demonstrations put only two items into it.
+    """Return whether the container has room for a third item. Demonstrations put only two items into it.
 
-    A container with a lid has room for two. In other containers, the items fit if they can lie side by side, or can be
-    stacked without rising above the rim.
+    A container with a lid has room for two items. In other containers, three items fit if they can lie side by side, or
+    if they can be stacked without rising above the rim.
     """
     room = footprint(container.category).inside_m
     if room is None or _has_lid(container):
@@ -213,7 +215,7 @@ def _add_look_alikes(
 
 
 def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.partial[a.Instruction]) -> None:
-    """Add a variation in which two equal objects are packed. The second object starts in the slot of another item."""
+    """Add a variation in which two identical objects are packed. The second one starts in the slot of another item."""
     repeated = next((o for o in items[:3] if is_countable(o.kind)), None)
     if repeated is None:
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")

@@ -35,7 +35,7 @@ class GeneratedTask:
         balanced: Additional training conditions without these confounds.
         crossed: Factors that vary independently in ``balanced``, one line each.
         unbuilt: Variations that could not be derived.
-        aside: Slots from which nothing is picked and that are used only in ``balanced``.
+        aside: Slots that are used only in ``balanced``. Nothing is picked from them.
     """
 
     task: Task
@@ -50,7 +50,7 @@ Pattern = Callable[[Cast], GeneratedTask]
 """Function that makes a task from a cast, or raises InvalidInputError if the objects do not fit."""
 
 PATTERNS: dict[str, Pattern] = {}
-"""Pattern of each template, by the name of the template."""
+"""Patterns by the name of their template."""
 
 
 def pattern(template: Template) -> Callable[[Pattern], Pattern]:

@@ -1,4 +1,4 @@
-"""Patterned arrangement: items are put at the sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
+"""Patterned arrangement: items are put at the sides of an anchor, as in ``desk_meeting`` and ``breakfast_table``."""
 
 from __future__ import annotations
 
@@ -85,11 +85,11 @@ Step = tuple[ObjectSpec, str]
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Items with their initial slots, and with the sides of the anchor at which they are put in training.
+    """Items with their initial slots, and the sides of the anchor where they are put in training.
 
     Attributes:
-        anchor: Object at whose sides the items are put.
-        steps: Three items, each with its side in training.
+        anchor: Object that the items are put beside.
+        steps: Three items, each with the side where it is put in training.
         layouts: Initial slots for the first and the second position of the anchor.
         pairs: Pairs of steps that occur together in training.
     """
@@ -106,7 +106,7 @@ class _Plan:
 
 @pattern(a.PATTERNED_ARRANGEMENT)
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
-    """Return a task in which two of three items are put at sides of an anchor.
+    """Return a task in which two of three items are put beside an anchor, each at a given side.
 
     If the anchor is round and the items are two long pieces and a compact object, they form a place setting. Otherwise,
     the items start in front of the anchor. Distractors are used only around a place setting, if there is room.
@@ -136,9 +136,9 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
-    """Yield choices of slots for the distractors around a place setting, those with the most distractors first.
+    """Yield possible slots for the distractors around a place setting, most distractors first.
 
-    The first distractor always takes over a slot from the compact item.
+    The first distractor always uses a slot that otherwise belongs to the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -149,7 +149,7 @@ def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, S
 
 
 def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
-    """Return the left and the right side of an anchor, which have much room, and the side with the least room."""
+    """Return the right and left sides of an anchor, which have plenty of room, and the side with the least room."""
     offered = footprint(anchor.category).regions & set(SIDES)
     last = next((side for side in _TRIED_LAST if side in offered), None)
     if last is None or not {"left", "right"} <= offered:
@@ -166,7 +166,7 @@ def _is_round(anchor: ObjectSpec) -> bool:
 
 
 def _refuse_long(spec: ObjectSpec) -> None:
-    """Raise InvalidInputError because an object is so long that the camera would not see it completely."""
+    """Raise InvalidInputError because an object is too long to be completely visible to the camera."""
     size = footprint(spec.category)
     problem = f"a {spec.kind} reaches {1000 * size.radius_m:.0f} mm from its center"
     cure = "Choose objects of at most 70 mm, or two pieces of cutlery and a compact object at a plate"
@@ -174,14 +174,14 @@ def _refuse_long(spec: ObjectSpec) -> None:
 
 
 def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
-    """Raise InvalidInputError because the scenario's instruction puts an object at a side that has no room for it."""
+    """Raise InvalidInputError because the scenario's instruction puts an object at a side where it has no room."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
-    raise InvalidInputError(where, problem, "State another side, or do not state a side")
+    raise InvalidInputError(where, problem, "Choose another side, or leave the side out")
 
 
 def _fits(spec: ObjectSpec, side: str) -> bool:
-    """Return whether there is room for an object at a side of the anchor."""
+    """Return whether an object fits at a side of the anchor."""
     size = footprint(spec.category)
     if side == "upper_right" and size.radius_m > _FRONT_M:
         return False
@@ -268,10 +268,10 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
-    """Add a variation in which a look-alike stands where an object stood.
+    """Add a variation in which a look-alike takes the place of an object.
 
-    The operations in ``room`` make room for it first. Return whether a variation was added, which requires a look-alike
-    that fits.
+    The operations in ``room`` are applied first, to make room for it. Return whether a variation was added. It is not
+    added if no look-alike fits.
     """
     for other in look_alikes_of(draft.cast, spec):
         if draft.vary("O", [*room, a.add(other, slot)], f"{other.kind} where the {spec.kind} stood", LOOK_ALIKE, base):
@@ -329,7 +329,7 @@ def _goals(instruction: object) -> tuple[a.Subgoal, ...]:
 def _desk_balanced(draft: Draft, plan: _Plan) -> Iterator[Condition]:
     """Yield balanced conditions for each pair of steps, in both orders.
 
-    The objects start in different slots, and the anchor is at one position or the other.
+    The objects start in different slots, and the anchor is at either of its two positions.
     """
     objects = [o for o, _ in plan.steps]
     starts, stands = draft.table.starts, draft.table.stands
@@ -400,7 +400,7 @@ def _setting_balanced(
 ) -> Iterator[Condition]:
     """Yield balanced conditions for each pair of steps, in both orders.
 
-    The long pieces start at one edge of the table or the other, and the anchor is at one position or the other.
+    The long pieces start at either edge of the table, and the anchor is at either of its two positions.
     """
     (left, _), (right, _), (compact, _) = plan.steps
     edge_1, edge_2, front, corner_1, corner_2, front_right = draft.table.starts

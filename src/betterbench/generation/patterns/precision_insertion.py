@@ -154,8 +154,8 @@ class _Insertion:
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
         """Return the plain version of a jar, or None if it does not exist.
 
-        Plain jars differ from each other only by their labels. By convention, the category of the plain version is
-        "plain_" followed by the kind, with underscores ("plain_salt_jar").
+        Plain jars differ only in their labels. By convention, the category of the plain version is "plain_" followed by
+        the kind, with underscores ("plain_salt_jar").
         """
         category = f"plain_{item.kind.replace(' ', '_')}"
         if category == item.category or category not in categories():
@@ -183,7 +183,7 @@ class _Insertion:
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
     """Return the items in the order of their holes.
 
-    Items for which the instruction states no hole get the remaining holes.
+    Items without a hole in the instruction get the remaining holes.
     """
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])
@@ -209,8 +209,8 @@ def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:
             raise refused(item, problem, cure)
         held, needed = max(grasp.pose.position[2] for grasp in asset.grasps), max(depths) + HELD_M
         if held < needed:
-            cure = f"The gripper needs {mm(needed)} to stay above the rack; choose a higher object"
-            raise refused(item, f"is held {mm(held)} above its foot", cure)
+            cure = f"The gripper needs {mm(needed)} to stay above the rack; choose a taller object"
+            raise refused(item, f"would be grasped {mm(held)} above its foot", cure)
 
 
 def _half_width(rack: a.ObjectSpec, asset: Asset) -> float:

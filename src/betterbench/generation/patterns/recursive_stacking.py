@@ -1,4 +1,4 @@
-"""Recursive stacking: plates are put on plates, as in the task dinner_plates."""
+"""Recursive stacking: plates are put on plates, as in the task ``dinner_plates``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """Plates of a stack: the lowest plate, and the two plates that are stacked on it."""
+    """Plates of a stack: the lowest plate and two plates on top of it."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -54,9 +54,10 @@ class _Plates:
 def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task with three plates.
 
-    Either one of two plates is put on the widest plate, or one of the two on the other. If the instruction of the
-    scenario puts one plate on another, training does so too. If only one of the two plates has a look-alike, it becomes
-    the middle plate of the complete stack. Distractors are not used, because the plates fill the table.
+    An instruction puts one of the other two plates on the widest plate, or one of these two on the other. If the
+    instruction of the scenario puts one plate on another, the training conditions do so too. If only one of the two
+    plates has a look-alike, it becomes the middle plate of the complete stack. Distractors are not used, because the
+    plates fill the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit
@@ -65,7 +66,7 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     plates = in_role("item", cast.groups.get("plates", ()))
     if len(plates) != 3:
         problem = f"has {len(plates)} objects, but three are needed"
-        raise InvalidInputError("cast group 'plates'", problem, "Choose three plates, so that a stack can grow")
+        raise InvalidInputError("cast group 'plates'", problem, "Choose exactly three plates")
     require_usable(plates)
     onto = stated_goal(cast.scenario).onto
     carried = {upper for upper, _ in onto}
@@ -159,7 +160,7 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
     """Yield balanced conditions for each instruction, with the plates in different slots.
 
-    The lowest plate is at one position or the other. If it is on the right, only the left slots are used, because the
+    The lowest plate is at either of its two positions. If it is on the right, only the left slots are used, because the
     right side then has no room for other plates.
     """
     base, middle, top = plates.base, plates.middle, plates.top

@@ -37,7 +37,7 @@ def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) ->
 
 
 def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:
-    """Return copies of objects to which the given role is assigned."""
+    """Return copies of objects with the given role."""
     return tuple(replace(spec, role=role) for spec in objects)
 
 
@@ -48,7 +48,7 @@ def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
 
 
 def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """Return the look-alikes of an object, most similar first. They have the role of distractors."""
+    """Return the look-alikes of an object, starting with the most similar one. They have the role of distractors."""
     return in_role("distractor", cast.look_alikes.get(spec.name, ()))
 
 
@@ -56,8 +56,8 @@ def standing_look_alikes(cast: Cast, items: tuple[ObjectSpec, ...]) -> Mapping[s
     """For each item, return a distractor that looks like it, by the name of the item.
 
     This is the first look-alike in the cast (the scenario with its chosen assets) that is narrow enough for a slot. If
-    there is none, it is a toy block of the item's color, unless the cast already contains a block. Items for which
-    neither exists are left out.
+    there is none, it is a toy block of the item's color, unless the cast already contains a block. An item is left out
+    if it has neither a look-alike nor a block.
     """
     found: dict[str, ObjectSpec] = {}
     taken = {spec.name for specs in cast.groups.values() for spec in specs}

@@ -1,14 +1,16 @@
-"""Goal stated in an instruction, and the parts of this goal that tasks of the template cannot have.
+"""Parser for the goal that an instruction states.
+
+It also finds the parts of this goal that the template does not support.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
-:func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, from which the patterns take
+:func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, where the patterns look up
 sides, drawers, holes and plates. Each unsupported part is reported as a problem together with its words. Every accepted
 instruction therefore states exactly the goal of the task.
 
 - ``relations``: the vocabulary.
 - ``reading``: nouns with the objects they refer to, and relations between them.
-- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, which no pattern
-  supports.
+- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses. No pattern supports
+  them.
 """
 
 from __future__ import annotations
@@ -41,11 +43,10 @@ _CAN = {
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Parts of the goal that an instruction states and that tasks of the template can have.
+    """Goal that an instruction states, limited to the parts that tasks of the template support.
 
     Attributes:
-        regions: Side, drawer ("upper") or hole ("hole_1") to which each item goes, by the ``instance_name`` of the
-            item.
+        regions: Side, drawer ("upper") or hole ("hole_1") that each item goes to, by the item's ``instance_name``.
         onto: Pairs of an upper and a lower plate, by ``instance_name``.
         problems: Words of unsupported parts, with the reason.
     """
@@ -56,17 +57,17 @@ class StatedGoal:
 
     @property
     def placed(self) -> frozenset[str]:
-        """Names of the objects for which the instruction states a target region."""
+        """Names of the objects with a target region in the instruction."""
         return frozenset(self.regions) | frozenset(name for pair in self.onto for name in pair)
 
     @property
     def is_specific(self) -> bool:
-        """Whether the instruction states a side, drawer, hole or plate, which the template's relation leaves open."""
+        """Whether the instruction states a side, drawer, hole or plate that the template's relation leaves open."""
         return bool(self.regions or self.onto)
 
 
 def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each part of the stated goal that tasks of the template cannot have."""
+    """Yield a problem and a remedy for each part of the stated goal that the template does not support."""
     for word, reason in stated_goal(scenario).problems:
         can = _CAN.get(template.name, template.description)
         cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"

@@ -36,7 +36,7 @@ _UNLESS_DESCRIBED = (
 
 
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words whose meaning the goal of a task cannot express, each with the reason.
+    """Yield the words with a meaning that the goal of a task cannot express, and the reason for each.
 
     Such words state a negation, a choice, an order, a pose, or a number that does not count objects.
     """
@@ -58,7 +58,7 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
 
 
 def _closing(r: Reader, at: int) -> str:
-    """Return the reason why a request to close something is rejected, or an empty text.
+    """Return the reason why a request to close something is rejected, or an empty string.
 
     Only drawers can be closed, and only after something is put into them.
     """
@@ -70,9 +70,9 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _returning(r: Reader, at: int) -> str:
-    """Return the reason why a request to put an object "back" or "away" is rejected, or an empty text.
+    """Return the reason why a request to put an object "back" or "away" is rejected, or an empty string.
 
-    A request is rejected if it names no target.
+    Such a request is rejected if it names no target.
     """
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
         return ""
@@ -81,7 +81,7 @@ def _returning(r: Reader, at: int) -> str:
 
 
 def _result(r: Reader, at: int) -> str:
-    """Return the reason why the named result of an assembly is rejected, or an empty text.
+    """Return the reason why the named result of an assembly is rejected, or an empty string.
 
     It is rejected if the layers do not make this result, or if several results are requested.
     """
@@ -94,7 +94,7 @@ def _result(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return the reason why a number is rejected, or an empty text.
+    """Return the reason why a number is rejected, or an empty string.
 
     A number is rejected if it is too large for a scene, or does not refer to objects.
     """
@@ -128,7 +128,7 @@ def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
 
 
 def number_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield each stated number that differs from the number of objects in the scenario, together with the reason."""
+    """Yield each number in the instruction that differs from the number of objects in the scenario, with the reason."""
     for mention in r.mentions.values():
         items = [n for n in mention.objects if r.role_of[n] in ("item", "drawer")]
         noun = r.raw[mention.end - 1]

@@ -1,4 +1,4 @@
-"""Direction of cutlery in an instruction. It is the only direction that an instruction may state."""
+"""Clauses about the direction of cutlery in an instruction. An instruction may not state any other direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relations in instructions that tasks of each template support, and the reasons for rejecting other relations."""
+"""Relations in instructions that each template supports, and the reasons for rejecting other relations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
     """Return the single item that a relation in an instruction is about.
 
     Returns:
-        The name of the item and an empty text; or an empty name and the reason why there is no single item.
+        The name of the item and an empty string; or an empty string and the reason why there is no single item.
     """
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:
@@ -70,7 +70,7 @@ def _packed(r: Reader, said: Said, _regions: object, _onto: object) -> Iterator[
 
 
 def _goes_on(r: Reader, said: Said) -> bool:
-    """Return whether the template's relation comes later, as in "the apple on the table into the lunchbox"."""
+    """Return whether the relation of the template follows later, as in "the apple on the table into the lunchbox"."""
     words = said.words.split()[0]
     after = r.raw[r.raw.index(words) + 1 :]
     return bool({"into", "in", "inside"} & set(after))
@@ -166,7 +166,7 @@ _RULES = {
 def read_goal(r: Reader) -> tuple[dict[str, str], tuple[tuple[str, str], ...], list[tuple[str, str]]]:
     """Return the stated goal: the target regions of items, and the pairs of plates.
 
-    Also return the unsupported relations, each with the reason.
+    Also return the unsupported relations, with the reason for each.
     """
     regions: dict[str, str] = {}
     onto: list[tuple[str, str]] = []

@@ -1,4 +1,4 @@
-"""Parser of instructions. It finds the objects to which the nouns refer, and the relations between them."""
+"""Parser of instructions. It finds the objects that the nouns refer to, and the relations between these objects."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class Mention:
     Attributes:
         at: Index of the noun's first token.
         end: Index after the noun's last token.
-        objects: Names of the objects to which the noun may refer.
-        number: Stated number of objects; 2 for a plural without a number; 0 for a singular without a number.
+        objects: Names of the objects that the noun may refer to.
+        number: Stated number of objects. If no number is stated, 2 for a plural and 0 for a singular.
     """
 
     at: int
@@ -63,7 +63,7 @@ class Said:
         meaning: Meaning of the relation ("left").
         subjects: Nouns before the relation that do not belong to an earlier relation.
         target: Noun after the relation, or None if a place or nothing follows.
-        place: Place after the relation ("table", "ring"), or "it" for a pronoun; empty if there is none.
+        place: Place after the relation ("table", "ring"), or "it" for a pronoun. Empty if there is none.
         position: Word that tells which hole is meant ("left"), or a part of the target ("ring").
     """
 
@@ -76,13 +76,14 @@ class Said:
 
 
 class Reader:
-    """Parsed words of an instruction, with the objects to which they refer.
+    """Parsed words of an instruction, with the objects that they refer to.
 
     Attributes:
-        objects: Objects of the scenario by name. ``role_of`` has the role of each object.
-        surfaces: Words for the surface on which all objects stand, such as the table.
+        objects: Objects of the scenario by name. ``role_of`` contains the role of each object.
+        surfaces: Words for the surface that all objects stand on, such as the table.
         raw: Words in lower case. ``tokens`` are the same words in the singular.
-        mentions: Nouns by the index of their first token. ``taken`` has the indices of all tokens of nouns.
+        mentions: Nouns by the index of their first token. ``taken`` contains the indices of all tokens that belong to
+            nouns.
         positions: Indices of words such as "left" that belong to no relation, set by :meth:`relations`.
     """
 
@@ -116,7 +117,7 @@ class Reader:
                 yield Mention(at, end, self._meant(at, noun), number)
 
     def _number(self, at: int, end: int) -> int:
-        """Return the stated number of objects; 2 for a plural without a number; 0 if no number is stated."""
+        """Return the stated number of objects. Without a number, return 2 for a plural and 0 otherwise."""
         said = number_before(self.raw, at)
         if said:
             return NUMBERS[said]
@@ -125,8 +126,8 @@ class Reader:
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the objects that a noun may mean.
 
-        Objects with this name come first. Only if there are none, objects whose description contains the noun are
-        returned.
+        If objects with this name exist, only these are returned. Otherwise, all objects with the noun in their
+        description are returned.
         """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
@@ -147,20 +148,23 @@ class Reader:
         return tuple(found)
 
     def _members(self, noun: str) -> list[str]:
-        """Return the items to which a collective noun refers, such as the jars for "spices"."""
+        """Return the items that a collective noun refers to, such as the jars for "spices"."""
         members = collective(noun)
         items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
 
     def _of_type(self, noun: tuple[str, ...]) -> list[str]:
-        """Return the container, fixture or drawers that a noun names by their type ("trash can" for a waste bin)."""
+        """Return the container, fixture or drawers whose type a noun names, such as "trash can" for a waste bin."""
         groups = TEMPLATES[self.scenario.template].groups
         receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
         named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
         return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
 
     def relations(self) -> Iterator[Said]:
-        """Yield the relations in the instruction, each with the preceding nouns that belong to no earlier relation."""
+        """Yield the relations in the instruction.
+
+        Each relation comes with the nouns before it that belong to no earlier relation.
+        """
         pending: list[Mention] = []
         at = 0
         while at < len(self.tokens):
@@ -255,7 +259,7 @@ class Reader:
         return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
 
     def receiver(self, said: Said) -> bool:
-        """Return whether the target of a relation is a container, a fixture or a drawer, or a pronoun for one."""
+        """Return whether the target of a relation is a container, fixture or drawer, or a pronoun for one."""
         if said.target is not None:
             return any(self.role_of[n] in ("container", "fixture", "drawer") for n in said.target.objects)
         return said.place == "it" and any(
@@ -263,7 +267,7 @@ class Reader:
         )
 
     def moved(self, said: Said) -> str:
-        """Return the reason why a relation is rejected, or an empty text.
+        """Return the reason why a relation is rejected, or an empty string.
 
         A relation is rejected if it moves an object that is not an item.
         """

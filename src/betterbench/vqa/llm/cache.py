@@ -36,12 +36,12 @@ class ReplyCache:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Set the folder of the cache. By default, it is in the user's cache folder. The folder is not created yet."""
+        """Set the folder of the cache. By default, this folder is in the user's cache folder. It is not created yet."""
         self.folder = folder or platformdirs.user_cache_path("betterbench") / "replies"
         self._lock, self._is_off = threading.Lock(), False
 
     def key(self, address: str, body: bytes) -> str:
-        """Return the key of a request, which is the SHA-256 of the address and of the complete body of the request.
+        """Return the key of a request: the SHA-256 of its address and its complete body.
 
         The body contains the model, the prompt, the bytes of the images as they are sent, the sampling settings and the
         processor arguments. Requests with the same key are therefore identical.
@@ -65,7 +65,7 @@ class ReplyCache:
         return Reply(form["text"], prompt, completion, is_cached=True, is_cut=form.get("is_cut") is True)
 
     def put(self, key: str, reply: Reply) -> None:
-        """Store a reply. If the folder cannot be written, log one warning and store nothing from then on."""
+        """Store a reply. If the folder cannot be written, log a single warning and do not store any more replies."""
         if self._is_off:
             return
         tokens = {"prompt_tokens": reply.prompt_tokens, "completion_tokens": reply.completion_tokens}

@@ -1,7 +1,6 @@
 """Client for ``POST URL/chat/completions``, an interface that vLLM, SGLang, llama.cpp, Ollama and OpenAI offer.
 
-The client needs only the standard library. Many threads can send requests at the same time, each on a connection of its
-own.
+The client needs only the standard library. Many threads can send requests at the same time, each on its own connection.
 """
 
 from __future__ import annotations
@@ -34,15 +33,15 @@ MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
 _BUSY = 429
 _BUSY_TRIES = 10
-"""Smallest number of times that a request is sent to a server that limits the request rate."""
+"""Minimum number of tries before giving up on a server that limits the request rate."""
 _LONGEST_PAUSE_S = 30.0
 LONGEST_WISH_S = 300.0
-"""Longest pause that a server may ask for with ``Retry-After`` [s]."""
+"""Maximum pause that a server may request with ``Retry-After`` [s]."""
 _SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 
 class RefusedError(ModelError):
-    """Error for a single request that was rejected (HTTP 400, 413 or 422), for example because of its image.
+    """A single request was rejected (HTTP 400, 413 or 422), for example because of its image.
 
     Other requests may still succeed.
 
@@ -54,7 +53,7 @@ class RefusedError(ModelError):
 
 
 class Chat(Protocol):
-    """Model that answers chat messages with a text."""
+    """Model that replies to chat messages with text."""
 
     @property
     def name(self) -> str:
@@ -91,12 +90,12 @@ class ChatEndpoint:
             url: Base address, such as ``http://localhost:8000/v1``. ``/chat/completions`` is added to it.
             model: Name of the model at that address.
             key_variable: Name of the environment variable that may contain the API key.
-            timeout_s: Longest time to wait for the beginning of an answer, and between its parts [s].
-            deadline_s: Longest time to wait for a whole answer [s]. It matters for servers that send an answer in many
+            timeout_s: Maximum time to wait for the beginning of an answer, and between its parts [s].
+            deadline_s: Maximum time to wait for a whole answer [s]. It matters for servers that send an answer in many
                 small parts.
             tries: Maximum number of times that a request is sent if transient failures occur. If the server limits the
                 request rate (HTTP 429), at least ten tries are made.
-            further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
+            further: Additional fields for each request, such as vLLM's ``mm_processor_kwargs``.
             cache: Stored replies to earlier requests. A request with a stored reply is not sent.
             sleep: Function that waits between tries [s]. Tests replace it.
 
@@ -192,7 +191,7 @@ class ChatEndpoint:
         return answer, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:
-        """Read the content of a reply, up to the largest number of bytes that is allowed.
+        """Read the content of a reply, up to the maximum allowed size.
 
         Raises:
             TimeoutError: If the reply is not complete in time.
@@ -238,7 +237,10 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Model whose answer is a function of the messages, for tests and for models in the caller's own process."""
+    """Model that calls a function to answer messages.
+
+    It is used for tests and for models in the caller's own process.
+    """
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
@@ -281,7 +283,7 @@ def user_message(text: str, *images: bytes) -> Message:
 def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
     """Return the content of a reply, or None if the reply has no choice or no content.
 
-    There may be no content, for example, because a content filter of the server removed it.
+    For example, the content may have been removed by a filter on the server.
     """
     if form.get("error"):
         raise LookupError("choices")
@@ -290,10 +292,10 @@ def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
-    """Return the text of an answer, which some servers send in parts.
+    """Return the text of an answer. Some servers send it in parts.
 
     Raises:
-        TypeError: If the content is not a text.
+        TypeError: If the content is not text.
     """
     if content is None or isinstance(content, str):
         return content or ""

@@ -1,4 +1,4 @@
-"""Connections from one process to an HTTP server, which are kept open between requests."""
+"""Connections from one process to an HTTP server. They are kept open between requests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 
 class Connections:
-    """Connections to one server, which several threads can use at the same time.
+    """Connections to one server. Several threads can use them at the same time.
 
     Connections stay open between requests only inside the context :meth:`kept`.
     """
@@ -28,7 +28,10 @@ class Connections:
 
     @contextmanager
     def kept(self) -> Iterator[Connections]:
-        """Context in which connections stay open between requests. They are closed when the last such context ends."""
+        """Context manager that keeps connections open between requests.
+
+        They are closed when the last such context ends.
+        """
         with self._lock:
             if self._holders == 0:
                 self._stopped.clear()

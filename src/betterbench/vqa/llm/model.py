@@ -40,7 +40,7 @@ class ChatModel:
 
     Attributes:
         chat: The endpoint.
-        max_tokens: Largest number of tokens in an answer.
+        max_tokens: Maximum number of tokens in an answer.
     """
 
     chat: Chat
@@ -61,10 +61,10 @@ class ChatModel:
 
 
 def opened(asked: object) -> AbstractContextManager[Stoppable]:
-    """Return a context in which requests are sent to a model.
+    """Return a context manager to use while requests are sent to a model.
 
-    A model that needs connections has a method ``opened``, which returns this context. For other models, the context
-    does nothing.
+    If the model has a method ``opened``, which opens its connections, return the result of this method. Otherwise, the
+    context manager does nothing.
     """
     found = getattr(asked, "opened", None)
     resource: AbstractContextManager[Stoppable] = NoResource() if found is None else found()
@@ -87,7 +87,7 @@ def endpoint_at(
         option: Name of the option in error messages.
         key_variable: Name of the environment variable that may contain the API key.
         otherwise: Value other than an address that the option accepts, for error messages.
-        further: Further fields of each request.
+        further: Additional fields for each request.
         cache: Stored replies to earlier requests.
 
     Raises:

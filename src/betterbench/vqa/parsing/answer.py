@@ -13,7 +13,7 @@ Stage = Literal["strict", "tolerant", "extractor", "none"]
 """Stage of parsing in which a value was found."""
 
 LONGEST = 20_000
-"""Number of characters at the end of a text that are searched.
+"""Number of characters at the end of a text that are searched for an answer.
 
 The answer is there, because it follows the reasoning.
 """
@@ -48,7 +48,7 @@ class Read:
         answer: The value, or None. For a choice, this is the letter of the option. For a yes-or-no question, it is
             "Yes" or "No", and for a count, its digits. A box or a point has the form "[...]" and several points have
             the form "[[...], ...]", in pixels, with the column before the row.
-        stage: Stage of parsing in which the value was found.
+        stage: Parsing stage that found the value.
     """
 
     answer: str | None
@@ -63,7 +63,7 @@ NOTHING = Read(None, "none")
 
 
 def final_text(text: str) -> str:
-    """Return the end of a reply, without reasoning in thinking tags. Only this part may contain the answer.
+    """Return the end of a reply, without the reasoning in thinking tags. Only this part is searched for the answer.
 
     If a reply ends inside the reasoning because the token limit was reached, it contains no answer.
     """

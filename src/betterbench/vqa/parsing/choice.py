@@ -1,4 +1,4 @@
-"""Parser for multiple-choice answers, which may be given by the letter or the words of an option."""
+"""Parser for multiple-choice answers. An answer may be the letter or the words of an option."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
 
 
 def _wrapped(text: str) -> list[str]:
-    """Return the contents of markup in which models put the final answer (such as a box), the last one first."""
+    """Return the contents of markup (such as a box) that models put around the final answer, the last one first."""
     inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
     for part in (text, *reversed(_FENCE.findall(text))):
         if part.lstrip().startswith("{"):
@@ -92,8 +92,8 @@ def _wrapped(text: str) -> list[str]:
 def _claimed(letters: dict[str, str], text: str) -> str | None:
     """Return the letter of the option that a text names as its answer.
 
-    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text
-    or, without letters, the letter of the only option that the text quotes.
+    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text.
+    If the text has no letter, it is the letter of the only option that the text quotes.
     """
     claims = [
         m

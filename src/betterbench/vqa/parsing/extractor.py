@@ -1,4 +1,4 @@
-"""Extraction of an answer by a language model, which may only copy parts of the text.
+"""Extraction of an answer by a language model. The model may only copy parts of the text.
 
 The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
 answer, so that it cannot answer the question itself. Each part that it copies must occur in the text word for word, and
@@ -17,7 +17,7 @@ from betterbench.vqa.parsing.reading import read_text
 from betterbench.vqa.question import Form
 
 LONGEST_SHOWN = 8_000
-"""Number of characters at the end of a text that the extractor gets."""
+"""Number of characters that the extractor gets, taken from the end of a text."""
 _WANTED = {
     Form.CHOICE: "the option that it finally chooses: its letter, or the words of the option",
     Form.YES_NO: "whether it finally says yes or no",
@@ -87,9 +87,9 @@ def _copied(reply: str) -> list[str]:
 
 
 def _occurs(part: str, source: str) -> bool:
-    """Return whether a part occurs in the text and begins and ends at the boundary of a number or a word.
+    """Return whether a part occurs in the text, as whole words or numbers.
 
-    Differences in white space do not matter.
+    Differences in white space are ignored.
     """
     words, there = " ".join(part.split()), " ".join(source.split())
     whole = rf"(?<![\w.]){re.escape(words)}(?!\w|\.\d)" if words[:1].isalnum() else re.escape(words)

@@ -1,8 +1,8 @@
 """Parser for boxes and points in any notation.
 
-The declared convention determines the order and the scale of the numbers. A different written form, such as a list
-instead of the declared JSON, is accepted in the stage "tolerant". The written form never changes the order or the scale
-of the numbers.
+The declared convention determines the order and the scale of the numbers. If the numbers are written in a different
+form, such as a list instead of the declared JSON, they are accepted in the stage "tolerant". The form never changes the
+order or the scale of the numbers.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
 _CLAIMS_TRIED = 3
 _MOST = 10**6
 MOST_POINTS = 10_000
-"""Largest number of points that are read from one text."""
+"""Maximum number of points that are read from one text."""
 
 Numbers = tuple[Fraction, ...]
 
@@ -54,7 +54,7 @@ def read_points(spec: AnswerSpec, text: str) -> Read:
 
 
 def numbers_of(answer: str) -> list[list[float]]:
-    """Return the numbers of each box or point in an answer that was read into a :class:`Read`."""
+    """Return the numbers of each box or point in the answer of a :class:`Read`."""
     return [[float(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
@@ -75,7 +75,10 @@ def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
 
 
 def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
-    """Return the groups of numbers in a text that contains only coordinates, and their notation."""
+    """If a text consists only of coordinates, return their groups of numbers and the notation.
+
+    Otherwise, the list of groups is empty.
+    """
     text = text.strip()
     fence = _FENCE.fullmatch(text)
     bare = (fence[1] if fence else text).strip()

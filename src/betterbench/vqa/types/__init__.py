@@ -1,6 +1,6 @@
 """Question types, one per file.
 
-Each file generates questions about a moment with answers that follow from the state.
+Each file generates questions about a moment. The answers follow from the recorded state.
 """
 
 from __future__ import annotations

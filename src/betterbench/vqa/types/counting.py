@@ -45,7 +45,7 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
     """Yield the question about the number of objects.
 
-    There is no question unless each object is either clearly visible or completely hidden.
+    The question is asked only if each object is either clearly visible or completely hidden.
     """
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
@@ -56,7 +56,7 @@ def _count(moment: Moment, family: str, key: str, plural: str, members: list[str
 def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[QuestionDraft]:
     """Yield the question about the number of objects in a container.
 
-    There is no question if an object in the container is not clearly visible, or if the state is ambiguous.
+    The question is not asked if an object in the container is not clearly visible, or if the state is ambiguous.
     """
     inside = []
     for o in moment.objects:

@@ -53,7 +53,7 @@ def _doing(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
-    """Return the objects that show how far an instruction has been carried out, or None if an image does not show this.
+    """Return the objects that show the progress in an instruction, or None if an image does not show it.
 
     All objects and targets of the steps must be clearly visible, and an unfinished step must not look finished. For
     example, an object at its target that is still in the gripper or moving would look finished.
@@ -72,7 +72,10 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Return whether a step looks done. If the step is to close a drawer, the content must also be inside."""
+    """Return whether a step looks done.
+
+    If the step is to close a drawer, the objects that go into the drawer must also be inside.
+    """
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False
@@ -108,7 +111,7 @@ _ORDINALS = {2: "second", 3: "third", 4: "fourth"}
 
 
 def done_words(moment: Moment, done: list[bool]) -> str:
-    """Describe the finished steps, in the words of an option for the answer."""
+    """Describe the finished steps in the wording of an answer option."""
     goals = moment.condition.instruction.subgoals
     if all(done):
         return EVERYTHING

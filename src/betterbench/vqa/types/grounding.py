@@ -15,7 +15,7 @@ CELLS = 8
 COARSE_CELLS = 4
 """Number of image cells per side within which answers are balanced, so that coordinates do not reveal them."""
 MOST_OPTIONS = 4
-"""Largest number of objects to choose from in one question."""
+"""Maximum number of objects to choose from in one question."""
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:
@@ -55,7 +55,7 @@ def cell_of(seen: SeenObject, width: int, cells: int) -> str:
 def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
     """Divide kinds of objects into groups of two to four.
 
-    The groups are the same for all questions about these kinds.
+    All questions about these kinds use the same groups.
     """
     if len(kinds) < 2:
         return []

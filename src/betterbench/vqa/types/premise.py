@@ -12,7 +12,7 @@ from betterbench.vqa.types.relation import yes
 
 
 def premise(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about which kinds are present, of which kind each object is, and whether the task can be done."""
+    """Yield questions about which kinds are present, what kind each object is, and whether the task can be done."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]
@@ -27,7 +27,7 @@ def premise(moment: Moment) -> Iterator[QuestionDraft]:
 def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
     """Return the tags of a question about a kind of object that the scene does not contain.
 
-    The question is harder if another object is in the slot in which this kind usually stands.
+    The question is harder if another object is in the usual slot of this kind.
     """
     tags = ["absent"]
     if kind in moment.episode.vocabulary:
@@ -40,7 +40,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about whether the object in a box is of a certain kind.
 
-    They ask for the object's own kind, and for the kinds that stood in the object's slot in training.
+    They ask about the object's own kind, and about the kinds that stood in the object's slot in training.
     """
     info = moment.state.info
     for kind, o in moment.things.items():

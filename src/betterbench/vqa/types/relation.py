@@ -15,17 +15,17 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
-"""Smallest horizontal distance between two centers for "left of", as a fraction of the width of the image.
+"""Minimum horizontal distance between two centers for "left of", as a fraction of the width of the image.
 
 This is 20 of 256 pixels, or about the width of an object.
 """
 CAMERA_MARGIN_M = 0.06
-"""Smallest difference between the distances of two objects from the camera for "nearer" [m].
+"""Minimum difference between the distances of two objects from the camera for "nearer" [m].
 
 This is about the smallest difference that people can judge.
 """
 ROBOT_MARGIN_M = 0.05
-"""Smallest difference between two objects in the robot frame, sideways or in distance from the base [m].
+"""Minimum difference between two objects in the robot frame, sideways or in distance from the base [m].
 
 Objects are 4 to 8 cm wide.
 """
@@ -49,7 +49,10 @@ def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _apart(moment: Moment, a: str, b: str) -> bool:
-    """Return whether the center of neither object is above, below or within the other object in the image."""
+    """Return whether two objects are clearly side by side in the image.
+
+    The center of neither object may be above, below or within the other object.
+    """
     first, second = moment.view.objects[a], moment.view.objects[b]
     return not any(
         y.box[0] <= x.centroid[0] <= y.box[2] for x, y in ((first, second), (second, first))
@@ -89,7 +92,7 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield the question of whether an object is at a certain side of another object.
+    """Yield the question of whether an object is on a certain side of another object.
 
     The sides are defined by the front of this other object.
     """

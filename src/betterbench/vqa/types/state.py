@@ -14,18 +14,18 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Smallest opening of an open gripper and largest opening of a closed empty gripper, as fractions of the full opening.
+"""Minimum opening of an open gripper and maximum opening of a closed empty gripper, as fractions of the full opening.
 
 People disagree about openings in between.
 """
 FALLEN_RAD = 1.0
-"""Smallest tilt of an object that has fallen, about 60 degrees [rad].
+"""Minimum tilt of an object that has fallen, about 60 degrees [rad].
 
 There are no questions about objects with a smaller tilt, which only lean.
 """
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Smallest ratio of height to width at which a standing object and a lying one look different."""
+"""Minimum ratio of height to width at which a standing object and a lying one look different."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
@@ -78,7 +78,7 @@ def _gripper(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _lift(moment: Moment, name: str) -> float:
-    """Return how far an object is above the lowest height that it has had so far in the episode [m]."""
+    """Return the height of an object above its lowest position so far in the episode [m]."""
     i = moment.state.info.index(name)
     heights = moment.episode.trace.positions[: moment.row + 1, i, 2]
     return float(heights[-1] - heights.min())

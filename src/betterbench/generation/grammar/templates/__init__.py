@@ -1,4 +1,4 @@
-"""Themes from which scenarios are written, one file per template. New files in this folder are found automatically."""
+"""Themes for writing scenarios, one file per template. New files in this folder are found automatically."""
 
 import importlib
 import pkgutil
