@@ -117,7 +117,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands that all reviews share. They include one command per mode, which switches to the mode."""
+        """Return the commands that all reviews share. For each mode, there is one command that switches to it."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),
@@ -136,7 +136,7 @@ class CommandPage(Generic[DeskT]):
             self._reason.value = ""
 
     def _set_stage(self, light: float) -> Any:  # noqa: ANN401 - viser's
-        """Set up an empty 3D view with the given intensity of the environment light, and return it."""
+        """Set up an empty 3D view whose environment light has the given intensity. Return the view."""
         scene = self._viser.scene
         scene.set_up_direction("+z")
         scene.world_axes.visible = False

@@ -137,7 +137,10 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------- editing
 
     def turn_by(self, axis: Sequence[float], degrees: float) -> None:
-        """Rotate the object about a world axis. The rotation is added to that of the edit in progress."""
+        """Rotate the object about a world axis.
+
+        If the edit in progress is already a rotation, the two rotations are combined.
+        """
         step = from_axis_angle([math.radians(degrees) * v for v in axis])
         self.turn_to(normalize(multiply(step, self.turn)))
 
@@ -154,7 +157,10 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = ScaleChange(max(state.size_m), longest_m)
 
     def size_by(self, factor: float) -> None:
-        """Scale the object by a factor. The factor multiplies the scaling of the edit in progress."""
+        """Scale the object by a factor.
+
+        If the edit in progress is already a scaling, the two factors are multiplied.
+        """
         if self.state is not None:
             longest = self.edit.after if isinstance(self.edit, ScaleChange) else max(self.state.size_m)
             self.size(round(factor * longest, 4))

@@ -1,4 +1,4 @@
-"""Rulers that the review page draws around the object, and HTML texts for its panel."""
+"""Rulers that the review page draws around the object, and the HTML of its panel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HULL_COLORS = (
 
 
 def ruler(size: Vector) -> np.ndarray:
-    """Return the lines of a ruler for a bounding box on the plane z = 0, as (n, 2, 3) segments [m].
+    """Return the lines of a ruler in the plane z = 0 for a bounding box, as (n, 2, 3) segments [m].
 
     The ruler has a tick at every centimeter, and every fifth tick is longer. The ticks are at the front edges of the
     box, which face +x and -y.

@@ -34,7 +34,7 @@ def panel_head(
         author: Name of the reviewer.
         index: Index of the current object or scene in the queue.
         judged: Number of objects or scenes that have a verdict.
-        total: Length of the queue.
+        total: Number of objects or scenes in the queue.
     """
     badge = ""
     if verdict is not None:

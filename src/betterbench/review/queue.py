@@ -30,7 +30,7 @@ class QueuedObject:
         path: Mesh file of the object.
         content: Hash of the mesh file and of all files that it refers to.
         states: The object as it was imported, followed by its state after each change. Empty before the import.
-        problem: Why the object could not be imported. Empty if it could.
+        problem: Reason why the import failed. Empty if it did not fail.
         wishes: Options with which the mesh file is imported.
         stored: Whether the file is an already imported asset in an asset folder.
     """

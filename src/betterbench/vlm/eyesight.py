@@ -1,11 +1,12 @@
 """Eyesight of a model: the smallest object size at which it answers questions correctly.
 
 Eyesight is estimated from the answers of the model. The items of question sets from ``better vqa`` state the size of
-their objects in the image. A psychometric function is fitted to the scores of one run, and gives the size at which the
-model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to several
-runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all scores. In
-this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of the shown
-images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
+their objects in the image. A psychometric function is fitted to the scores of one run, and yields the object size at
+which the model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to
+several runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all
+scores. In this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of
+the shown images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in
+pixels.
 """
 
 from __future__ import annotations
@@ -108,8 +109,8 @@ class EyesightComparison:
         benchmark: Title of the benchmark.
         scores: Mean score of the items that state an object size, keyed by eyes (image resolution).
         alone: Threshold fitted to each run alone, keyed by eyes.
-        one: Threshold fitted to all runs together. For each run except the first, it also contains the further loss,
-            i.e. the loss compared with the first run that the object sizes do not explain.
+        one: Threshold fitted to all runs together. For each run except the first, it also contains the part of the loss
+            (compared with the first run) that the object sizes do not explain.
     """
 
     name: str

@@ -128,8 +128,8 @@ class ItemSet:
             that Pillow reads.
         files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
             hash.
-        reference: Success rates in percent with which each group is compared, such as the rate of guessing and that of
-            a classifier that does not see the image.
+        reference: Success rates in percent with which each group is compared, such as the rates reached by guessing and
+            by a classifier that does not see the image.
         content: Content hash of the source, if the source defines one. If empty, the hash is computed from the items.
         twins: For each item about a variation, the identifier of its twin, i.e. of the same question about the training
             scene.

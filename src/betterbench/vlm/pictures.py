@@ -1,4 +1,4 @@
-"""Reading of untrusted images from folders, tables, JSON and videos, including image sizes and target regions."""
+"""Read untrusted images, image sizes and target regions from folders, tables, JSON and videos."""
 
 from __future__ import annotations
 

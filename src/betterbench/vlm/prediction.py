@@ -1,4 +1,4 @@
-"""Test of whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
+"""Test whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
 
 The illusion gap is the drop in a policy's success rate when the scene changes. The paper uses static evaluation of the
 policy's model as a proxy for how well the policy understands scenes. If this is valid, a policy whose model has a

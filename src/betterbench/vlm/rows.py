@@ -132,7 +132,7 @@ def distinct(identifier: str, taken: set[str]) -> str:
 
 
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
-    """Return the data files in a folder and in its subfolders with usual names such as "data", sorted by path.
+    """Return the data files in a folder and in subfolders with common names such as "data", sorted by path.
 
     If a file is given, return only this file.
     """

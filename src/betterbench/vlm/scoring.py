@@ -47,7 +47,7 @@ class ItemScore:
 
     Attributes:
         value: Value that was read from the answer, or None (see :class:`~betterbench.vqa.parsing.Read`).
-        stage: Stage of parsing that has read the value.
+        stage: Stage of parsing in which the value was read.
         score: Score of the value, between 0 and 1.
         is_answered: Whether the model gave a reply.
         is_outside: Whether a point or box is partly outside the image. This suggests a different coordinate convention.
@@ -78,7 +78,7 @@ class Part:
         means: Mean score in each column.
         if_dropped: Mean score over the answered items only, for comparison with programs that drop failed items. None
             if no item was answered.
-        reference: Reference rates in percent, such as the rate of guessing.
+        reference: Reference rates in percent, such as the success rate of guessing.
     """
 
     kind: str

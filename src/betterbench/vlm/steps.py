@@ -189,8 +189,8 @@ def step_table(
 
     Args:
         paths: Folders of the runs, in the order of the rows. Runs with the same name are in one row.
-        names: Name of the row of each run. If empty, the name consists of the model, its image resolution and number of
-            tiles, and also of the prompt if runs differ only in the prompt.
+        names: Label of the table row for each run. If empty, the label consists of the model, its image resolution and
+            number of tiles, and also of the prompt if runs differ only in the prompt.
         column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
 
@@ -222,7 +222,7 @@ def step_table(
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the name of the row of each run.
+    """Return the label of the table row for each run.
 
     The name consists of the model, the image resolution and the number of tiles. If runs differ only in the prompt, it
     also contains the prompt.
@@ -292,7 +292,10 @@ def _step(upper: str, lower: str, above: StoredRun, below: StoredRun, column: st
 def _group_steps(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str, alpha: float
 ) -> tuple[GroupStep, ...]:
-    """Return the steps on all groups of questions. The p-values are corrected over all groups of the same kind."""
+    """Return the changes in score from each row of the table to the next, for all groups of questions.
+
+    The p-values are corrected over all groups of the same kind.
+    """
     found: dict[str, list[GroupStep]] = defaultdict(list)
     for (upper, above), (lower, below) in pairwise(rows.items()):
         for benchmark in benchmarks:
@@ -309,7 +312,7 @@ def _group_steps(
 def _explained(
     step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
 ) -> GroupStep:
-    """Add the smaller groups that explain a step, such as the relation on which a question type's score drops."""
+    """Add to a step the smaller groups that explain it, such as the relation on which a question type's score drops."""
     same = (step.upper, step.lower, step.benchmark)
     smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
     if not step.is_supported or not smaller:

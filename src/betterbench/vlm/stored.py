@@ -28,7 +28,7 @@ class StoredItem:
 
     Attributes:
         score: Exact score of the value, such as "0", "1" or "2/3".
-        stage: Stage of parsing that has read the value.
+        stage: Stage of parsing in which the value was read.
         groups: Name of the item's group for each kind of group.
         cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster depend on
             each other.

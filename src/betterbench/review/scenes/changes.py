@@ -150,7 +150,7 @@ def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str,
 
 
 def said(change: SceneChange) -> str:
-    """Describe a change to a scene by a short phrase."""
+    """Describe a change to a scene in a short phrase."""
     if isinstance(change, FrameChange):
         return f"frame {change.after.name} of {change.asset} moved"
     a, b = change.before, change.after

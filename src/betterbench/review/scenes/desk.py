@@ -52,7 +52,8 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     The gizmo can move a slot (the start position of an object) or a placement frame (``MODES``).
 
     Attributes:
-        movable: Names of the assets in folders of imported assets. Only their placement frames can be moved.
+        movable: Names of the assets that come from a folder of imported assets. Only the placement frames of these
+            assets can be moved.
         seed: Seed of the trial that is shown for the current scene.
         certified: Result of certifying the current scene, or None if it was not certified yet.
     """

@@ -1,4 +1,4 @@
-"""Functions that apply the changes of a review to the JSON form of a task. They do not modify their arguments."""
+"""Functions that apply the changes made in a review to the JSON form of a task. They do not modify their arguments."""
 
 from __future__ import annotations
 
@@ -105,6 +105,6 @@ def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]
 
 
 def is_same_frame(a: Region, b: Region) -> bool:
-    """Return whether two placement frames are equal, up to rounding errors of numbers in files."""
+    """Return whether two placement frames are equal, apart from rounding errors."""
     apart = max(distance(a.position, b.position), distance(a.half_size, b.half_size))
     return a.name == b.name and apart < 1e-5 and angle_between(a.quaternion, b.quaternion) < 1e-4

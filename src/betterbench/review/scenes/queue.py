@@ -87,7 +87,7 @@ def condition_of(task: Task, name: str) -> Condition:
 
 
 def support_of(task: Task, name: str) -> Support:
-    """Return the support that a task declares for a condition (training or variation).
+    """Return the support ("seen" or "novel") that a task declares for a condition (training or variation).
 
     The support states whether the poses in the condition occur in training (seen) or not (novel).
     """

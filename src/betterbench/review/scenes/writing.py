@@ -1,4 +1,4 @@
-"""Writing of reviewed tasks to new files: slots are moved as in the review, and rejected variations are left out."""
+"""Write reviewed tasks to new files. Slots are moved as in the review, and rejected variations are left out."""
 
 from __future__ import annotations
 

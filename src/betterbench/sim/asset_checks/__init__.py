@@ -4,7 +4,7 @@
 - ``check``, ``subject``: the registry of checks, and the measurements that several checks share.
 - ``checks``: the checks, one topic per file: license, surfaces, size, upright, mass, collision, lying, holding,
   lifting.
-- ``rest``, ``lift``: simulations of one asset, which rests on a table or is lifted by a gripper.
+- ``rest``, ``lift``: simulations of an asset that rests on a table or is lifted by a gripper.
 - ``limits``: all limits, each with its unit and a reason.
 """
 

@@ -1,4 +1,4 @@
-"""Results of the asset certificate for each check and each asset, which can be stored as JSON."""
+"""The results of single checks and the certificates of assets. Both can be stored as JSON."""
 
 from __future__ import annotations
 

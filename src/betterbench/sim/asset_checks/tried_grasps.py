@@ -1,4 +1,4 @@
-"""Import of an object and simulated tests of its grasps, both of which run in the child process of the import."""
+"""Import an object and test its grasps in simulation. Both steps run in the child process of the import."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def import_for_parent() -> None:
 
 
 def with_tried_grasps(imported: Imported) -> Imported:
-    """Keep only the grasps that lift and carry the object in simulation, the most stable first.
+    """Keep only the grasps that lift and carry the object in simulation, sorted from most to least stable.
 
     A note about the test is added. If the object is heavier than the payload of the robot, no grasp is tested and all
     grasps are kept.

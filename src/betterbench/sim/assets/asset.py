@@ -107,7 +107,7 @@ class Asset:
 
     Attributes:
         category: Kind of object, such as "mug".
-        look: Number of the variant among those that the generator makes.
+        look: Number of the variant that the generator made.
         color: Color word.
         shape: Coarse word for the shape: "round", "cylinder", "box" or "irregular".
         description: One sentence of free text, used for retrieval.
@@ -120,7 +120,7 @@ class Asset:
         regions: Named regions, such as opening, ring, handle and top.
         parameters: Parameters that the generator drew. They are only stored for information.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side in a container.
-        traits: Tags that describe the material, place or use of the object but cannot name the object.
+        traits: Tags that describe the material, place or use of the object but are not names for it.
     """
 
     category: str

@@ -60,7 +60,7 @@ class DataSource:
         files: Files to download.
         license: License of the questions.
         terms: Terms of the images and videos, and what cannot be downloaded.
-        layout: Paths of the files that a data folder must contain. There is one phrase for each published format.
+        layout: Paths of the files that a data folder must contain. There is one string for each published format.
     """
 
     repository: str

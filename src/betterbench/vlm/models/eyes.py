@@ -35,7 +35,7 @@ MYOPIC = 224
 
 
 class Eyes(StrEnum):
-    """Resolution of the images that a model is shown."""
+    """Resolution at which a model is shown images."""
 
     NATIVE = "native"
     TILE_1 = "tile-1"

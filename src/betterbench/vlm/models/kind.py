@@ -66,8 +66,8 @@ class ModelKind:
 
     Attributes:
         scheme: Part of the address before the first colon. Empty for the kind that accepts all other addresses.
-        make: Function that creates the model at an address. If a cache is passed to it, a request that was sent before
-            gets the stored reply. It raises a BetterError if there is no such model.
+        make: Function that creates the model at an address. If it is given a cache, the reply to a repeated request is
+            taken from the cache. It raises a BetterError if there is no such model.
         require: Function that is called before ``make``. It raises InvalidInputError for options that this kind does
             not support.
         sees: Whether the model receives images. If it does, its coordinate convention can be probed.

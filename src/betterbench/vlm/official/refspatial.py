@@ -50,7 +50,7 @@ Shape = Point | Rectangle
 def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
     """Return the points ``(x, y)`` and the boxes ``(x0, y0, x1, y1)`` that the upstream program finds in a reply.
 
-    If ``absolute`` is False, the program takes a pair of integers as pixels. It scales a pair by the image size if at
+    If ``absolute`` is False, the program treats a pair of integers as pixels. It scales a pair by the image size if at
     least one of the two numbers has a decimal point. It does not find tuples with spaces next to their brackets, or
     with numbers such as ".5".
 
@@ -97,7 +97,7 @@ def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
 
 
 def tags_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points in Molmo's ``points`` tags, whose attributes are numbered (x1, y1).
+    """Return the points in Molmo's ``points`` tags, which have numbered attributes (x1, y1).
 
     The attributes of a single point (x, y) are not numbered. The upstream program does not find them.
     """

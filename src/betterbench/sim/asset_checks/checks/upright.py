@@ -21,7 +21,7 @@ _CURE = "Give the axis of the file that points up with --up"
 def upright(subject: Subject) -> Finding:
     """Check that the asset's pose fits its kind.
 
-    For example, an object of a tall kind must stand, and a container must be open at the top.
+    For example, a bottle must stand, and a container must be open at the top.
     """
     kind = subject.kind
     if kind is None:

@@ -27,14 +27,14 @@ JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)
 class Draft:
     """Description of one object, from which the registry makes an asset.
 
-    The registry adds the category, the variant number and the color word (also as the last tag). It also distributes
-    the mass over the collision parts and measures the size. The fields that are not listed here are explained in
-    :class:`~betterbench.sim.assets.asset.Asset`.
+    The registry adds the category, the variant number and the color word. The color word also becomes the last tag. It
+    also distributes the mass over the collision parts and measures the size. The fields that are not listed here are
+    explained in :class:`~betterbench.sim.assets.asset.Asset`.
 
     Attributes:
         tags: Search words. The color word is not among them, since the registry adds it.
-        traits: Tags that describe the material, place or use of the object but cannot name the object: "glass" for a
-            jar, "desk" for a mouse.
+        traits: Tags that describe the material, place or use of the object but are not names for it: "glass" for a jar,
+            "desk" for a mouse.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order. If there are fewer densities than parts, the
             remaining parts have no mass. If None, all parts have the same density.

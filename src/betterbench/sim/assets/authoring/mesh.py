@@ -129,7 +129,7 @@ def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
 
 
 def _renumbered(numbers: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Renumber the integers in an array, all of which are below ``count``, without gaps.
+    """Renumber the integers in an array without gaps. All of them must be below ``count``.
 
     Returns:
         The sorted unique elements, and an array of the same shape with the rank of each element among them.
@@ -280,10 +280,10 @@ def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
 
 
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
-    """Return the (n, 3) points of a horizontal rectangle at height ``z``, counterclockwise [m].
+    """Return the (n, 3) points [m] of a horizontal rectangle at height ``z``, in counterclockwise order.
 
-    If ``corner`` is above 0, each corner is rounded with this radius by ``steps`` segments. A single segment gives a
-    chamfer.
+    If ``corner`` is above 0, each corner is rounded with this radius, using ``steps`` segments. A single segment gives
+    a chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -400,7 +400,7 @@ def rod(
 
 
 def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float) -> Mesh:
-    """Return a plate with beveled rims, given the x and z of each point of its convex side view [m].
+    """Return a plate with beveled rims, given the x and z coordinates of each point of its convex side view [m].
 
     The points are in counterclockwise order.
     """

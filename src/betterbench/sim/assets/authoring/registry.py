@@ -65,7 +65,7 @@ def generator(
     family: str | None = None,
     keeps_upright: bool = False,
 ) -> Callable[[Generator], Generator]:
-    """Register a function as the generator of a category. The function may be in any file that is imported.
+    """Register a function as the generator of a category. The function can be defined in any imported file.
 
     The function takes a random generator and a color word. All differences between variants of an object come from the
     random generator. The function must draw the same random numbers for every color, so that the color never changes
@@ -184,7 +184,7 @@ def family_of(category: str) -> str:
 
 
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
-    """Make an asset. The same arguments give the same bits in every process. The color never changes the shape.
+    """Make an asset. The same arguments give a bit-identical asset in every process. The color never changes the shape.
 
     Args:
         category: Name of the category.
@@ -232,7 +232,10 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager that replaces regions of assets built in it. They are keyed by category and region name."""
+    """Context manager that replaces regions of all assets built inside it.
+
+    The new regions are keyed by category and region name.
+    """
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:

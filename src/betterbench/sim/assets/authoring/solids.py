@@ -1,4 +1,4 @@
-"""Collision shapes: convex primitives, and walls of hollow objects, which are composed of primitives."""
+"""Collision shapes: convex primitives, and walls of hollow objects that are made of such primitives."""
 
 import math
 from collections.abc import Iterable
@@ -70,7 +70,9 @@ def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
-    """Return a box, such as a lid, that is opened about a hinge. It is moved in the same way as by :meth:`Mesh.hinged`.
+    """Return a box, such as a lid, that is opened about a hinge.
+
+    It is moved in the same way as a mesh by :meth:`Mesh.hinged`.
 
     The half sizes are in meters. Before the box is opened, the hinge is at the origin and the center of the box is at
     ``middle`` (x, z) [m].

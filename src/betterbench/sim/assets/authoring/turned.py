@@ -1,4 +1,4 @@
-"""Solids of revolution, whose mesh, wrapped texture and collision shapes are made from the same profile."""
+"""Solids of revolution. Mesh, wrapped texture and collision shapes of a solid are made from the same profile."""
 
 import math
 from collections.abc import Sequence

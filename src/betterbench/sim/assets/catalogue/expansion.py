@@ -116,13 +116,13 @@ class Query:
     """Parsed search query with its possible meanings.
 
     Attributes:
-        text: The query, without words such as "find me", and without words for what the object should not have.
+        text: The query, without words such as "find me" and without words for things that the object should not have.
         concepts: Concepts for the search by words.
         readings: Sentences for the search by meaning. The first sentence is the query.
         asked: The query and the alternative descriptions that the expander returned. They are compared with the
             descriptions of the kinds of objects.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
-        words: Terms of the query, without words that say little.
+        words: Terms of the query, without uninformative words.
         colors: Colors that the query names.
         beside: Words that do not name the object itself, such as "steak" in "a plate for steak".
         kinds: Kinds to which a variety or brand in the query belongs, such as apple for "granny smith", each with a
@@ -256,9 +256,9 @@ def _spellings(word: str) -> list[str]:
 def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
     """Find misspelled words in a query, and return the object name that each one stands for: "cutlery" for "cutery".
 
-    An unknown word counts as misspelled if exactly one name with the same first letter is nearly equal to it. The two
-    may differ by one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted"
-    and "rubbery" are never corrected, because the lists do not contain all inflected forms.
+    An unknown word counts as misspelled if exactly one name with the same first letter is nearly the same. The two may
+    differ by one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted" and
+    "rubbery" are never corrected, because the lists do not contain all inflected forms.
     """
     known, found = _listed_words(), {}
     for written in text.lower().split():

@@ -227,7 +227,7 @@ def _is_named(phrase: Sequence[str], after: str) -> bool:
 
 
 def _members(phrase: Sequence[str]) -> frozenset[int]:
-    """Return the kinds of objects for which the broader word at the end of a noun phrase stands."""
+    """Return the kinds of objects that the broader word at the end of a noun phrase stands for."""
     known = hypernym_list()
     words = list(phrase)
     while words:

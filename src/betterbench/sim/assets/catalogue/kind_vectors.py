@@ -193,7 +193,7 @@ class KindIndex:
         """Compare vectors (m, dimension) with the texts of each kind.
 
         Returns:
-            (m, kinds) mean of the cosines between each vector and those texts of each kind that are nearest to it.
+            (m, kinds) array. Each element is the mean cosine between a vector and the nearest texts of a kind.
         """
         cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
         nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
@@ -213,7 +213,7 @@ class KindIndex:
 
 
 def _texts_of(table: np.ndarray) -> list[str]:
-    """Look up the text for each line of a table by the digest in the line.
+    """Look up the text for each row of a table, using the digest in that row.
 
     The text is empty if the list of kinds no longer contains it.
     """

@@ -47,7 +47,7 @@ def listed_kinds() -> tuple[Kind, ...]:
     uses: dict[str, list[str]] = {}
     for name, said in entries_by_name("uses.txt", ";"):
         if name not in known:
-            raise ValueError(f"uses.txt names the kind {name!r}, which kinds.txt does not have")
+            raise ValueError(f"uses.txt names the kind {name!r}, which is not in kinds.txt")
         uses.setdefault(name, []).extend(said)
     return tuple(Kind(tuple(names), (*said, *(u for n in names for u in uses.get(n, ())))) for names, said in blocks)
 

@@ -79,7 +79,7 @@ class Store:
         self.path = folder / FILE
         exists = self.path.is_file()
         if not writes and not exists:
-            raise InvalidInputError(str(folder), "has no catalogue of assets", "Run: better assets index")
+            raise InvalidInputError(str(folder), "has no asset catalogue", "Run: better assets index")
         with self.checked():
             mode = "rwc" if writes else "ro"
             self._database = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode={mode}", uri=True)
@@ -248,7 +248,7 @@ class Store:
         return None if line is None else self._entry(line)
 
     def ids_like(self, text: str, limit: int) -> list[str]:
-        """Return at most ``limit`` ids that contain the given text."""
+        """Return at most ``limit`` ids that contain the given string."""
         with self.checked():
             found = self._database.execute(
                 "SELECT id FROM assets WHERE instr(id, ?) > 0 ORDER BY row LIMIT ?", (text, limit)

@@ -1,4 +1,4 @@
-"""Selection of several assets for one description, with different shapes and colors."""
+"""Select several assets with different shapes and colors for one description."""
 
 from __future__ import annotations
 

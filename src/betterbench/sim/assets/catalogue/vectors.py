@@ -70,9 +70,9 @@ def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Return a sketch of each vector, which has one bit per component, as a (words, n) uint64 array.
+    """Return a sketch of each vector, as a (words, n) uint64 array. A sketch has one bit per component.
 
-    A bit is set if the component of the vector is larger than that of the center of all vectors.
+    A bit is set if the component is larger than the same component of the center of all vectors.
     """
     bits = np.packbits(vectors > center, axis=1)
     padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)

@@ -109,7 +109,7 @@ def manifest_of(folder: Path) -> Manifest:
 
 
 def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
-    """Return the content of a manifest file, in which the assets are sorted by name."""
+    """Serialize a manifest, with the assets sorted by name."""
     ordered = {name: assets[name] for name in sorted(assets)}
     return _MANIFEST.dump_json(Manifest(format=FORMAT, assets=ordered), indent=1) + b"\n"
 

@@ -1,4 +1,4 @@
-"""Writing of a new asset folder, in which the changes of a review are applied to the reviewed assets."""
+"""Write a new asset folder that contains the reviewed assets with the changes made in the review."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of catalogue rows to requests for the job that imports assets."""
+"""Convert catalogue rows to requests for the job that imports assets."""
 
 from __future__ import annotations
 

@@ -217,7 +217,7 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
     """Return the largest depth of any point below the surface of a box with the corners (8, 3).
 
-    For the points on a wire, it shows how much the edges of the wire are rounded.
+    For points on the surface of a wire, this depth shows how rounded the edges of the wire are.
     """
     origin = box[0]
     sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])

@@ -105,7 +105,7 @@ def _squares(centers: np.ndarray, pitch: float, yaw: float) -> _Squares:
 
 
 def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, height: float) -> Iterator[Proposal]:
-    """Yield the grasps at the given height whose fingers close along the direction of the grid."""
+    """Yield the grasps at the given height for which the fingers close along the grid."""
     (low_u, low_v), along, across = squares.low, squares.along, squares.across
     near = np.abs(z - height) < PAD_HALF_HEIGHT_M
     slab = _grid(squares, near, pitch)

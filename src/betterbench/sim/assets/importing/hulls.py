@@ -296,7 +296,7 @@ def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> f
 
 
 def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
-    """Return the smallest wall thickness, in cells, at which the wall around a hollow has a mostly closed rim."""
+    """Return the smallest wall thickness, in cells, for which the rim of the wall around a hollow is mostly closed."""
     structure = ndimage.generate_binary_structure(2, 2)
     grown = mask
     for thickness in range(1, 16):
@@ -376,7 +376,7 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
 
 
 def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
-    """Return a mask (k,) of the points that are inside a convex hull, more than ``depth`` below its surface [m]."""
+    """Return a mask (k,) of the points that are inside a convex hull, at a depth of more than ``depth`` [m]."""
     corners = hull.points[hull.vertices]
     inside = np.ones(len(points), dtype=bool)
     for axis in range(3):  # by columns: five times as fast as a reduction of rows of three
@@ -404,7 +404,10 @@ def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
 
 
 def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
-    """Repeatedly cut a set of points where this saves the most volume, and return the convex hulls of the parts."""
+    """Repeatedly cut a set of points where this reduces the volume of the hulls most.
+
+    Return the convex hulls of the parts.
+    """
     parts, gains = [points], [_best_cut(points)]
     while len(parts) < most:
         which = int(np.argmax([gain for gain, _ in gains]))
@@ -418,7 +421,7 @@ def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
 
 
 def _best_cut(points: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray] | None]:
-    """Find the axis-aligned cut through points that saves the most volume.
+    """Find the axis-aligned cut through points that reduces the total volume of their convex hulls most.
 
     Returns:
         The saved volume [m^3], and the points on the two sides of the cut. If no cut saves volume, the saved volume is
@@ -499,7 +502,7 @@ def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
 
 
 def _distances(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Return the distance of each selected point to the nearest point in ``to``, (k,) [m].
+    """Return the distance (k,) of each selected point to the nearest point in ``to`` [m].
 
     The distance of a point that is not selected is set to 0.
     """

@@ -167,7 +167,7 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
 def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
     """Scale a mesh to meters and set it upright.
 
-    For a URDF or MJCF file, use the unit and the up axis that the file states.
+    For a URDF or MJCF file, use the unit and the up axis stated in the file.
     """
     if raw.stated is None:
         return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)

@@ -1,4 +1,4 @@
-"""Reading of untrusted mesh files: GLB, glTF, OBJ, STL and PLY.
+"""Reader for untrusted mesh files: GLB, glTF, OBJ, STL and PLY.
 
 Files are read with trimesh. Every file that the mesh file refers to must be in the folder of the mesh file. URLs,
 references to other folders, and links that lead out of the folder raise an error.
@@ -165,7 +165,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         )
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
-        """Return this resolver, because the file names that trimesh requests already include the subfolder."""
+        """Return this resolver, because trimesh already includes the subfolder in the file names that it requests."""
         return self
 
 
@@ -308,7 +308,7 @@ def _texture_file(name: str, where: str) -> str:
 
 
 def _stated_triangles(data: bytes) -> int:
-    """Return the number of triangles that the header of a binary STL file states, or 0 for any other file."""
+    """Return the number of triangles given in the header of a binary STL file, or 0 for any other file."""
     header = 84
     if len(data) < header:
         return 0

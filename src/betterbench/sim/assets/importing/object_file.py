@@ -1,4 +1,4 @@
-"""Reader of a file that contains one object: a mesh, or a rigid body in a URDF or MJCF file."""
+"""Reader for files that contain one object: a mesh, or a rigid body in a URDF or MJCF file."""
 
 from __future__ import annotations
 

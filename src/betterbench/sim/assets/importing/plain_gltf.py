@@ -1,4 +1,4 @@
-"""Rewriting of glTF features that trimesh would drop without a message.
+"""Rewrite glTF features that trimesh would silently drop.
 
 The features are replaced by plain nodes, triangles and texture coordinates that look the same. This is done for skins
 in their rest pose, triangle fans, quantized positions and texture coordinates, texture transforms, additional sets of

@@ -71,7 +71,7 @@ class Stated:
         mass_kg: Mass, or None if the file does not state it.
         center: (3,) float64 center of mass.
         inertia: (3, 3) float64 inertia tensor about the center of mass [kg unit^2].
-        hulls: Points (n, 3) of each collision shape, which is the convex hull of its points. Empty if there are no
+        hulls: Points (n, 3) of each collision shape. The shape is the convex hull of the points. Empty if there are no
             collision shapes.
         name: Name of the model. Empty if the model has no name.
         notes: What the reader decided about the file.

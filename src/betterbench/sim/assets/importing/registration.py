@@ -54,7 +54,7 @@ def imported(
 ) -> None:
     """Register the object in a file as a category of assets. The file is imported when the category is first built.
 
-    All variants of the category are this one object. In a task file, a relative path is relative to the folder of the
+    All variants of the category are the same object. In a task file, a relative path is relative to the folder of the
     task file.
 
     Args:

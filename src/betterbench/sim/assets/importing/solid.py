@@ -45,7 +45,7 @@ class Solid:
         return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) cell indices of points [m]. Points outside the grid get the nearest cell."""
+        """Return the (k, 3) cell indices of points [m]. For a point outside the grid, the nearest cell is returned."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
         return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 

@@ -1,4 +1,4 @@
-"""Scale and orientation of an imported mesh: its up axis, the length of its unit, and its origin."""
+"""Find the scale and orientation of an imported mesh: its up axis, its unit of length, and its origin."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
 
 
 def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity | None, tuple[str, ...]]:
-    """Find the axis that points up from the file format, or from the hollow of an object that is open at the top.
+    """Determine which axis points up, using the file format or the hollow of an object that is open at the top.
 
     Returns:
         The axis, the hollow (None if the object has none, or if it does not matter), and notes that explain the choice.
@@ -171,9 +171,9 @@ def _at_rest(
 ) -> tuple[RawMesh, Solid, Cavity | None, float]:
     """Turn an object to the nearest stable pose, if it is at most ``most`` [rad] away from the current pose.
 
-    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held, and
-    would roll in every scene if it was not turned. The search is repeated after each rotation, because the simplified
-    hull of the object then has different corners.
+    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held
+    during the scan, and would otherwise roll in every scene. The search is repeated after each rotation, because the
+    simplified hull of the object then has different corners.
 
     Returns:
         The turned mesh, its solid, its hollow, and the angle by which it was turned [rad].

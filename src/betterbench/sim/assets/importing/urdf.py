@@ -1,4 +1,4 @@
-"""Reader of URDF files. All links in a file are merged into one rigid body."""
+"""Reader for URDF files. All links in a file are merged into one rigid body."""
 
 from __future__ import annotations
 

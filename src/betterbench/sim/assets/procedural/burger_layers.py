@@ -158,7 +158,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
     """Make a thick slice of smooth, glossy cheese with a few large round holes. Some holes are at its edge.
 
-    A solid piece of cheese of 64 x 62 x 14 mm weighs 60 g (1080 kg/m^3). A fifth of this slice is holes.
+    A solid piece of cheese of 64 x 62 x 14 mm weighs 60 g (1080 kg/m^3). Holes make up a fifth of this slice.
     """
     length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)

@@ -102,8 +102,8 @@ def _piece(
         name: Color and kind, such as "silver fork".
         metal: Color of the metal.
         head: Visual parts of the head.
-        reach: Half the width with which the head rests on the table [m].
-        head_end: Position along x at which the head leaves the table [m].
+        reach: Half the width of the part of the head that touches the table [m].
+        head_end: Position along x at which the head stops touching the table [m].
         sizes: Parameters of the head, which are stored in the asset.
         rim: Collision shape of the part of the head that is above the table and wider than the part on the table. None
             if there is no such part.

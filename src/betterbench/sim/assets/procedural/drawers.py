@@ -3,8 +3,8 @@
 Each drawer has a handle that can be grasped from above. The cabinet and the two drawers are separate assets. A scene
 connects each drawer to the carcass of the cabinet by a slide joint along +x, whose frame is a region of the cabinet.
 The two drawers of a variant differ only in the side on which their handle is, so that a gripper at one handle does not
-touch the other. The upper handle is at -y. In a camera image from above and from +y, as in the task suite, it is thus
-clearly above the lower handle. If the sides were exchanged, both handles would be at the same height in the image.
+touch the other. The upper handle is at -y. In the task suite, the camera looks down from +y, so the upper handle
+appears clearly above the lower one. If the sides were swapped, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations

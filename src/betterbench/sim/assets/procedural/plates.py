@@ -64,9 +64,9 @@ def _plate(
         color: Color word.
         radii: Smallest and largest radius [m].
         density: Density of the material [kg/m^3].
-        solid: Fraction of the radius up to which the floor has a collision shape. The ring between it and the rim has
-            none, so that a finger that pinches the rim can enter it. The ring must be so narrow that the edge of an
-            object that is put down upside down does not fit into it.
+        solid: Fraction of the radius up to which the floor has a collision shape. The ring between this radius and the
+            rim has none, so that there is room for a finger that pinches the rim. The ring must be too narrow for the
+            edge of an upside-down object.
         name: Name of the plate, for its description.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))

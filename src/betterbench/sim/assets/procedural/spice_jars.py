@@ -144,7 +144,7 @@ class _Wrap(Canvas):
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
         """Create the texture of a body, given the radii and heights of its profile [m].
 
-        If there are few ``sides``, the faces of the body are drawn as flat faces.
+        If ``sides`` is small, the sides of the body look flat.
         """
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
@@ -223,8 +223,8 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle, given its visual parts.
 
-    A jar of mean size has 70 g of glass and cap and 50 g of content. The masses of larger and smaller jars are in
-    proportion to their volumes. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
+    In a jar of average size, the glass and the cap weigh 70 g and the content weighs 50 g. The mass of other sizes is
+    proportional to their volume. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
     the grasp, and therefore stay above the rack while the jar stands in a hole that is 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched

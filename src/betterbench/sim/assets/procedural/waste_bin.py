@@ -23,7 +23,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
     Most bins have a bag that is folded over the rim. Plastic bins have the three recycling arrows on their front. Bins
     of 3 to 5 l for tables and desks are 18 to 22 cm wide and 12 to 25 cm high, and weigh 0.3 to 0.7 kg. This bin is
-    low, so that an object that is released above its rim falls 10 cm. It weighs 0.55 to 0.65 kg, most of it in the
+    low, so that an object that is released above its rim falls only 10 cm. It weighs 0.55 to 0.65 kg, most of it in the
     floor, as stable bins do.
     """
     rim, foot, height = uniforms(rng, (0.0990, 0.1050), (0.0890, 0.0940), (0.118, 0.134))

@@ -161,7 +161,10 @@ def _pinned(path: Path, sha256: str) -> bytes:
 
 
 def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
-    """Return the 32-bit tensors in a safetensors file. ``data`` is its content, whose hash was already checked."""
+    """Return the 32-bit tensors in a safetensors file.
+
+    ``data`` is the content of the file. The caller has already checked its hash.
+    """
     (length,) = struct.unpack_from("<Q", data)
     head = json.loads(data[8 : 8 + length])
     tensors = {}

@@ -1,4 +1,4 @@
-"""Tokenizer for uncased BERT models, which is based on word pieces.
+"""Word-piece tokenizer for uncased BERT models.
 
 Words and punctuation marks are split into the longest pieces that the model knows.
 """

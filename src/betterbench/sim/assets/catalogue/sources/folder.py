@@ -143,7 +143,8 @@ def _preference(file: Path) -> tuple[int, str]:
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
     """Return a key that is the same for all files of one object.
 
-    If the folder names the object, the key is the folder. Otherwise, it is the folder and the file name without suffix.
+    If the object is named by the folder, the key is the folder. Otherwise, it is the folder and the file name without
+    suffix.
     """
     place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)

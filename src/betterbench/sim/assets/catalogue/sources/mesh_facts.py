@@ -1,4 +1,4 @@
-"""Reading of the number of triangles and the extents of a mesh from its file, without loading the mesh.
+"""Read the number of triangles and the extents of a mesh from its file, without loading the mesh.
 
 Files that a mesh refers to are not opened, and the number of bytes read per file is limited. Numbers that are missing
 or not finite count as unknown.
@@ -180,7 +180,7 @@ def _obj(path: Path) -> MeshFacts:
 
 
 def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
-    """Return the extents of the points in a list of lines, each of which consists of a word and three numbers."""
+    """Return the extents of the points in a list of lines. Each line consists of a word and three numbers."""
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Application of the changes made in a review to an imported object.
+"""Apply the changes made in a review to an imported object.
 
 The result depends only on the imported object and on the changes.
 """
@@ -99,8 +99,8 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
         where: Name of the object, for messages.
 
     Raises:
-        InvalidInputError: If a value of the object differs from the value before the change that the review has
-            recorded, or if a change makes the object unusable.
+        InvalidInputError: If the review has recorded a different value of the object before a change, or if a change
+            makes the object unusable.
     """
     state = ReviewState(imported)
     for change in changes:

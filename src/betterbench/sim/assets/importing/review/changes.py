@@ -128,7 +128,7 @@ AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
 
 
 def said(change: Change) -> str:
-    """Describe a change to an object by a short English phrase."""
+    """Describe a change to an object in a short English phrase."""
     match change:
         case PoseChange():
             return "turned"
