@@ -1,4 +1,4 @@
-"""Base class of the ``better review`` pages, whose keys, buttons and fields send commands.
+"""Base class of the ``better review`` pages, on which keys, buttons and fields send commands.
 
 The callbacks of the page only put commands into a queue. :meth:`CommandPage.run` takes the commands out of the queue
 and executes them in order.
@@ -29,7 +29,7 @@ MOST_WAITING = 200
 
 
 class CommandPage(Generic[DeskT]):
-    """Review page whose keys, buttons and fields send commands. Subclasses can add further commands.
+    """Review page on which keys, buttons and fields send commands. Subclasses can add further commands.
 
     Attributes:
         server: Server of the page.
@@ -40,7 +40,7 @@ class CommandPage(Generic[DeskT]):
 
         Args:
             desk: State of the review.
-            taps: Command that each key sends, keyed by key code.
+            taps: Command for each key, keyed by key code.
             host: Network interface to listen on.
             port: Port to listen on. 0 chooses any free port.
 
@@ -71,7 +71,7 @@ class CommandPage(Generic[DeskT]):
         raise NotImplementedError
 
     def run(self, stopped: threading.Event) -> None:
-        """Execute the waiting commands in order, until the event ``stopped`` is set."""
+        """Execute the commands in the queue in order, until the event ``stopped`` is set."""
         self.begin()
         while not stopped.is_set():
             try:
@@ -154,7 +154,7 @@ class CommandPage(Generic[DeskT]):
     # ---------------------------------------------------------------------------------------------------------- panel
 
     def _begin_verdicts(self, gui: Any) -> None:  # noqa: ANN401 - viser's
-        """Add the heading, the status, the verdict buttons and the field for the reason of a verdict to the panel."""
+        """Add the heading, the status, the verdict buttons and a field for the reason to the panel."""
         item, subject = self._desk.ITEM, self._desk.SUBJECT
         self._head = gui.add_html("")
         self._status = gui.add_html("")
@@ -206,7 +206,7 @@ class CommandPage(Generic[DeskT]):
     def _input(self, element: Any, kind: InputKind, command: str | None) -> Any:  # noqa: ANN401
         """Store the values that the user types into a field.
 
-        If a command is given, each new value also sends the command.
+        If a command is given, it is also sent for each new value.
         """
         self.server.expect(element, kind)
         if command is not None:

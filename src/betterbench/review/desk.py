@@ -125,7 +125,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def turn(self) -> Quaternion:
-        """Rotation (w, x, y, z) that the edit in progress adds to the last saved pose of the object."""
+        """Rotation (w, x, y, z) of the object in the edit in progress, relative to its last saved pose."""
         if not isinstance(self.edit, PoseChange):
             return IDENTITY_QUATERNION
         w, x, y, z = self.edit.before
@@ -199,7 +199,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     def add(self) -> None:
         """Add a new grasp or placement frame in the middle of the object.
 
-        It is an edit in progress until it is saved.
+        The new grasp or frame remains an edit in progress until it is saved.
         """
         state = self.state
         if state is None or not self.keep():
@@ -302,7 +302,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Begin an edit of the given kind. An edit in progress of another kind is saved first.
+        """Begin an edit of the given kind. If an edit of another kind is in progress, it is saved first.
 
         Returns:
             The state of the object to edit. None if the object cannot be imported, or if the previous edit could not be
@@ -314,5 +314,5 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:
-    """Return a grasp name that is not taken yet: "grasp" if it is free, and otherwise "grasp2", "grasp3" and so on."""
+    """Return an unused name for a grasp: "grasp" if it is free, and otherwise "grasp2", "grasp3" and so on."""
     return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

@@ -131,7 +131,7 @@ def _at_hand(desk: ReviewDesk) -> str:
 
 
 def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
-    """Describe the stated width of a grasp and the gripper opening that the grasp requires."""
+    """Describe the declared width of a grasp, and the gripper opening that it requires."""
     stated, jaw = f"{1000 * grasp.width_m:.0f} mm wide", gripper_opening_m()
     solid = desk.solid
     needed = None if solid is None else needed_opening_m(solid, grasp)

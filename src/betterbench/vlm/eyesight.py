@@ -1,7 +1,7 @@
 """Eyesight of a model: the smallest object size at which it answers questions correctly.
 
-Eyesight is estimated from the answers of the model. The items of question sets from ``better vqa`` state the size of
-their objects in the image. A psychometric function is fitted to the scores of one run, and yields the object size at
+Eyesight is estimated from the answers of the model. Each item of a question set from ``better vqa`` contains the size
+of its object in the image. A psychometric function is fitted to the scores of one run, and yields the object size at
 which the model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to
 several runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all
 scores. In this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of
@@ -32,7 +32,7 @@ LEAST_PX = 0.5
 
 
 def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
-    """Return the scores of all items that state the size of their object, for the fit of the eyesight threshold."""
+    """Return the scores of all items with a known object size, for fitting the eyesight threshold."""
     found = []
     for item, scored in zip(items.items, score.items, strict=True):
         size = item.size_px(eyes)
@@ -58,7 +58,7 @@ class Grouped(Protocol):
 
 
 def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
-    """Return the score of an item and the size of its object [pixel], for the fit of the eyesight threshold.
+    """Return the score of an item and the size of its object [pixel], for fitting the eyesight threshold.
 
     The kind of the item is its question type together with its family.
     """
@@ -121,7 +121,7 @@ class EyesightComparison:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Eyes (image resolutions) at which scores are significantly lower or higher than the object sizes explain."""
+        """Eyes (image resolutions) whose scores are significantly lower or higher than the object sizes predict."""
         return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property

@@ -85,7 +85,7 @@ def _address(picture: bytes) -> str:
 def _metrics(chosen: Benchmark) -> list[Any]:
     """Return the metrics for inspect_ai: the mean, its clustered standard error, and the mean of each group.
 
-    Only the first two kinds of groups are included.
+    Only the groups of the first two kinds in ``chosen.groups`` are included.
     """
     return [mean(), stderr(cluster="cluster"), *(grouped(mean(), kind, all=False) for kind in chosen.groups[:2])]
 

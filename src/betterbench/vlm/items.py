@@ -148,7 +148,7 @@ class ItemSet:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if there are no items, or if two items have the same identifier."""
         if not self.items:
-            raise InvalidInputError(self.benchmark, "has no items", "Pass the folder that contains its data")
+            raise InvalidInputError(self.benchmark, "it has no items", "Pass the folder that contains its data")
         seen = set[str]()
         for item in self.items:
             if item.id in seen:

@@ -40,7 +40,7 @@ def size_of(data: bytes, where: str) -> tuple[int, int]:
     except NOT_A_PICTURE as error:
         raise not_a_picture(where, error) from error
     if width * height > MOST_PIXELS:
-        raise InvalidInputError(where, f"has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
+        raise InvalidInputError(where, f"it has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
     return width, height
 
 
@@ -87,7 +87,7 @@ def sendable(data: bytes, where: str) -> bytes:
             frames = getattr(image, "n_frames", 1)
             if frames != 1:
                 raise InvalidInputError(
-                    where, f"has {frames} frames, expected one image", "Use files with a single image"
+                    where, f"it has {frames} frames, expected one image", "Use files with a single image"
                 )
             plain = image if image.mode in _OF_PNG else image.convert("RGB")
             file = io.BytesIO()
@@ -123,7 +123,7 @@ def file_in(folder: Path, place: str, *, where: str) -> Path:
     require_inside(path, folder)
     if not path.is_file():
         raise InvalidInputError(
-            where, f"refers to {one_line(place, most=120)}, which is missing", f"Put it into {folder}"
+            where, f"it refers to {one_line(place, most=120)}, which is missing", f"Put it into {folder}"
         )
     return path
 
@@ -152,4 +152,4 @@ def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON 
         except (binascii.Error, ValueError) as error:
             problem = f"is not base64 ({one_line(error)})"
             raise InvalidInputError(where, problem, "Store the image as base64 or bytes") from error
-    raise InvalidInputError(where, "contains no image", "Store the image as base64, bytes, or a struct with bytes")
+    raise InvalidInputError(where, "it contains no image", "Store the image as base64, bytes, or a struct with bytes")

@@ -180,7 +180,7 @@ def _point(name: str, run: StoredRun, diagnosis: RunDiagnosis, column: str) -> P
     gap = diagnosis.metric("illusion_gap", "overall")
     if gap is None or gap.value is None or gap.low is None or gap.high is None:
         problem = "has no illusion gap, since it has no variation whose training condition was run with the same seed"
-        raise InvalidInputError(name, problem, "Run better eval on training conditions and variations")
+        raise InvalidInputError(name, problem, "Run `better eval` on training conditions and variations")
     rates = [diagnosis.metric(measure, "overall") for measure in ("twin_success_rate", "paired_success_rate")]
     training, variation = (None if metric is None else metric.value for metric in rates)
     static = run.static_gap(column)

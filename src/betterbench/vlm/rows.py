@@ -178,11 +178,11 @@ def _parsed_rows(file: Path) -> list[Row]:
         else:
             forms = parse_json(raw)
     except ValueError as error:
-        raise InvalidInputError(str(file), f"is not JSON ({one_line(error)})", "Download the file again") from error
+        raise InvalidInputError(str(file), f"it is not JSON ({one_line(error)})", "Download the file again") from error
     if isinstance(forms, dict):  # some mirrors wrap the rows
         forms = next((v for v in forms.values() if isinstance(v, list)), forms)
     if not isinstance(forms, list) or not forms:
-        raise InvalidInputError(str(file), "is not a list of rows", "Use the published file")
+        raise InvalidInputError(str(file), "it is not a list of rows", "Use the published file")
     rows = []
     for number, form in enumerate(forms, start=1):
         if not isinstance(form, dict):

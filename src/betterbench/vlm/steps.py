@@ -1,4 +1,4 @@
-"""Stepwise comparison of ``better vlm`` runs, in the layout of the paper's Table 3.
+"""Stepwise comparison of ``better vlm`` runs, in the layout of Table 3 in arXiv:2604.18000 ("the paper").
 
 A row is a model with its image resolution and prompt, and a column is a benchmark. Each row is compared with the row
 above it on the same items. A step between two rows is only supported if its paired test is significant after Holm's
@@ -69,7 +69,7 @@ class Step:
         lower: Name of the lower row.
         benchmark: Name of the benchmark.
         difference: Paired difference of the mean scores (upper minus lower row), as a fraction. It is based on the
-            items that the headline number counts.
+            items that are included in the headline number.
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all steps in the table.
         test: Name of the test.
@@ -330,7 +330,10 @@ def _explained(
 
 
 def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun, column: str) -> Iterator[GroupStep]:
-    """Yield the step on each group of questions, with an uncorrected p-value. Kinds with one group are left out."""
+    """Yield the change in score between two runs for each group of questions, with an uncorrected p-value.
+
+    Kinds of groups that have only one group are left out.
+    """
     title, second = above.benchmark.title, below.items
     for kind in above.benchmark.groups:
         groups: dict[str, list[StoredItem]] = defaultdict(list)
@@ -373,7 +376,7 @@ def _eyes(run: StoredRun) -> str:
 
 
 def _readings(run: StoredRun, eyes: str, column: str) -> list[Reading]:
-    """Return the scores of all items in a run that state an object size, for the fit of the eyesight threshold."""
+    """Return the scores of all items in a run that have a known object size, for fitting the eyesight threshold."""
     return with_common_kinds(
         [reading(i.size_px, float(i.score_in(column)), i, eyes) for i in run.items.values() if i.size_px is not None]
     )

@@ -18,7 +18,7 @@ from betterbench.vlm.scoring import COLUMNS, score_in_column
 from betterbench.vqa.parsing import Stage
 
 _MAX_BYTES = 1 << 28
-_CURE = "Run better vlm again with the same --out; answered items are not asked again"
+_CURE = "Run `better vlm` again with the same --out. Items that already have an answer are not repeated"
 
 
 @open_form
@@ -88,7 +88,7 @@ class StoredRun:
         try:
             return float(told["by_column"][column][0]["difference"]["value"])
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no {error}. {_CURE}.") from error
+            raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no entry {error}. {_CURE}.") from error
 
     def counted(self) -> tuple[StoredItem, ...]:
         """Return the items on which the headline number of the benchmark is based."""
@@ -133,7 +133,7 @@ def read_static_run(path: Path) -> StoredRun:
         headline = {column: float(result["headline"][column]) for column in COLUMNS}
         head = {name: result[name] for name in ("benchmark", "data", "model", "prompt", "coordinates")}
     except (KeyError, TypeError, ValueError) as error:
-        raise RecordError(f"{file}: has no {error}. {_CURE}.") from error
+        raise RecordError(f"{file} has no entry {error}. {_CURE}.") from error
     return StoredRun(path, {**result, **head}, items, headline)
 
 

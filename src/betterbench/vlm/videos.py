@@ -32,10 +32,10 @@ def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
                 if number >= max(numbers):
                     break
         if last is None:
-            raise InvalidInputError(str(video), "has no frames", "Download it again")
+            raise InvalidInputError(str(video), "it has no frames", "Download it again")
         return tuple(found[n] if n in found else _png(last) for n in numbers)
     except (OSError, av.FFmpegError, IndexError) as error:
-        raise InvalidInputError(str(video), f"cannot be decoded ({one_line(error)})", "Download it again") from error
+        raise InvalidInputError(str(video), f"it cannot be decoded ({one_line(error)})", "Download it again") from error
 
 
 def _png(frame: av.VideoFrame) -> bytes:

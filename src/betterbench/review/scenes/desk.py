@@ -120,7 +120,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """Placement frames of all objects on or in which the task places others, with the edit in progress applied."""
+        """Placement frames of all objects that hold other objects in the task. The edit in progress is applied."""
         if self.scene is None:
             return ()
         edit = self.edit

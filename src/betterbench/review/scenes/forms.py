@@ -96,7 +96,7 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
 
 
 def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]:
-    """Return the final pose of each placement frame that was moved, keyed by the names of the asset and the frame."""
+    """Return the final pose of each placement frame that was moved, keyed by asset name and frame name."""
     found: dict[str, dict[str, Region]] = {}
     for change in changes:
         if isinstance(change, FrameChange):

@@ -20,7 +20,7 @@ which they were proposed."""
 
 
 def import_for_parent() -> None:
-    """Import the requested objects and test their grasps. This is the main function of the import's child process."""
+    """Import the requested objects and test their grasps. The child process of an import runs this function."""
     answer_imports(with_tried_grasps)
 
 

@@ -104,7 +104,7 @@ class Benchmark:
             InvalidInputError: If the folder does not contain data of this benchmark, or a row is invalid.
         """
         if not folder.exists():
-            raise InvalidInputError("--data", f"{folder} does not exist", f"Run better vlm fetch {self.name}")
+            raise InvalidInputError("--data", f"{folder} does not exist", f"Run `better vlm fetch {self.name}`")
         return self.read(folder)
 
 

@@ -82,7 +82,7 @@ def _require_region(mask: bytes, ratio: float, where: str) -> None:
     region = mask_of(mask, where)
     rows, columns = region.shape
     if not region.any():
-        raise InvalidInputError(where, "is empty, so every answer would be wrong", "Download the data again")
+        raise InvalidInputError(where, "it is empty, so every answer would be wrong", "Download the data again")
     if abs(columns / rows / ratio - 1.0) > _MOST_STRETCH:
         problem = f"has {columns} × {rows} pixels, so its aspect ratio differs from that of its image"
         raise InvalidInputError(where, problem, "Download the data again")

@@ -1,4 +1,4 @@
-"""Checks that center of mass and inertia match the shape of an asset, and that its friction is plausible."""
+"""Checks that the mass properties of an asset match its shape, and that its friction is plausible."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _round(subject: Subject) -> Finding:
     """Check that a round object does not lie on its side.
 
     The check compares how much the object's width varies around a vertical axis and around a horizontal axis. The width
-    of a cylinder, for example, is the same in all directions across its own axis.
+    of a cylinder, for example, is the same in all directions perpendicular to its axis.
     """
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
@@ -107,7 +107,7 @@ def _leaning(subject: Subject) -> Finding:
 
 
 def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
-    """Return the ratio of the largest to the smallest width of an object, over twelve directions across an axis."""
+    """Return the ratio of the largest to the smallest width of an object, over twelve directions around an axis."""
     first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     first = first / np.linalg.norm(first)
     second = np.cross(axis, first)

@@ -20,7 +20,7 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Context manager in which textures are not painted, to build assets in a tenth of the time.
+    """Context manager in which no textures are painted, so that assets are built faster.
 
     Canvases then have only one pixel. All random numbers are still drawn, so shapes stay the same.
     """

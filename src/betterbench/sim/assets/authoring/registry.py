@@ -47,7 +47,7 @@ def read_folders_with(reader: Callable[[TaskFile], None]) -> None:
 
 
 def _load_declared() -> None:
-    """Load the plugins, task files and asset folders that the user has given."""
+    """Load the plugins, task files and asset folders that the user has specified."""
     load_declared()
     for file in loaded_files():
         if file.is_asset_folder and file.path not in _folders_read:
@@ -75,7 +75,7 @@ def generator(
         category: Name of the category.
         colors: Color words. The first one is the default.
         looks: Number of variants for training and test. They are numbered from 0.
-        unseen_looks: Number of held-out variants. Their numbers continue those of ``looks``.
+        unseen_looks: Number of held-out variants. They are numbered from ``looks`` on.
         family: Categories of the same family draw the same random numbers for a variant, so that related objects (a
             cabinet and its drawers, the plates of a set) match. If None, the category is its own family.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side to count as inside a
@@ -214,7 +214,7 @@ def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -
 def _checked_color(category: str, look: int, color: str | None) -> str:
     """Check that a category has the given color and variant.
 
-    Return the color. If no color is given, it is the first color of the category.
+    Return the color, which is by default the first color of the category.
     """
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color

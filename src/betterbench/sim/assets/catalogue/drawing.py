@@ -65,7 +65,9 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
     except Exception as error:  # mesh readers may raise any exception for damaged files
-        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check the file in a mesh editor") from error
+        raise InvalidInputError(
+            str(path), f"it cannot be drawn ({error})", "Check the file in a mesh editor"
+        ) from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
     return _drawn(points, normals, colors, pixels)

@@ -229,14 +229,14 @@ def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 @functools.cache
 def _listed_words() -> frozenset[str]:
-    """Return all words that occur in the word lists. All of these words count as correctly spelled."""
+    """Return all words that occur in the word lists. All of these words are considered correctly spelled."""
     files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
     return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
 
 
 @functools.cache
 def _by_spelling() -> dict[str, frozenset[str]]:
-    """Index the listed names of objects by their spellings, including misspellings that lack one letter."""
+    """Index the listed names of objects by their spellings, including misspellings with one missing letter."""
     names = set[str]()
     for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
         lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())

@@ -193,7 +193,7 @@ class _Vectors:
         return digest in self._places
 
     def add(self, digests: Sequence[bytes], vectors: np.ndarray) -> None:
-        """Append vectors to the file, and make sure that they are on disk."""
+        """Append vectors to the file, and make sure that they are written to disk."""
         if self._handle is None:
             raise ValueError("the journal is closed")
         lines = np.zeros(len(digests), self._line)

@@ -232,7 +232,7 @@ def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> li
 def _uses_of(
     kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]
 ) -> dict[tuple[str, str], list[tuple[int, int]]]:
-    """Index the statements about the uses of kinds ("you eat soup from it") by the object's role and by word stems.
+    """Index the statements about uses of kinds ("you eat soup from it") by the object's role and by word stem.
 
     Returns:
         For each role and word stem, the statements that have this role and contain this stem. Each statement is given
@@ -264,4 +264,4 @@ def _load(path: Path) -> np.ndarray:
 
 
 def _damaged(path: Path, problem: str) -> RecordError:
-    return RecordError(f"{path}: {problem}. Remove the folder and index the sources again.")
+    return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")

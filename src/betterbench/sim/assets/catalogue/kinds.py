@@ -87,7 +87,7 @@ def kind_of(entry: CatalogueEntry) -> int:
 def kinds_named(words: Sequence[str]) -> frozenset[int]:
     """Return the indices of the kinds whose names occur in a list of words.
 
-    A name does not count if it is part of a longer name that also occurs.
+    A name is ignored if it is part of a longer name that also occurs.
     """
     spans = [(end - length, end, kind) for _, _, length, end, kind in _named(words)]
     return frozenset(

@@ -112,8 +112,8 @@ class Catalogue:
 
     Args:
         folder: Folder of the catalogue.
-        encoder: Function that loads an encoder by its name. It is called at the first semantic search. If None, the
-            catalogue is only searched by words.
+        encoder: Function that loads an encoder by its name. It is called when it is first needed for a semantic search.
+            If None, the catalogue is only searched by words.
 
     Raises:
         InvalidInputError: If there is no catalogue in the folder, or its indexing has not finished.
@@ -221,7 +221,7 @@ class Catalogue:
         """
         if not query.strip() or len(query) > LONGEST_QUERY:
             raise InvalidInputError(
-                "query", f"has {len(query.strip())} characters", f"Use a query of 1 to {LONGEST_QUERY} characters"
+                "query", f"it has {len(query.strip())} characters", f"Use a query of 1 to {LONGEST_QUERY} characters"
             )
         admitted = filters or Filters()
         if admitted.source and admitted.source not in self._numbers:
@@ -322,7 +322,7 @@ class Catalogue:
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in ranked.tolist()}
 
     def _opened(self) -> TextEncoder:
-        """Return the text encoder of the catalogue, which is loaded at the first call."""
+        """Return the text encoder of the catalogue. It is loaded at the first call."""
         if self._encoder is None:
             if self._open_encoder is None:
                 raise ValueError("the catalogue was opened without an encoder")
@@ -407,7 +407,7 @@ def _sealed(store: Store, folder: Path) -> str:
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing is still running or was interrupted"
-        raise InvalidInputError(str(folder), problem, "Run better assets index again")
+        raise InvalidInputError(str(folder), problem, "Run `better assets index` again")
     return sealed
 
 
@@ -415,7 +415,7 @@ def _dimension(store: Store) -> int:
     try:
         return int(store.fact("dimension"))
     except ValueError as error:
-        raise RecordError(f"{store.path}: is damaged. Index the sources again.") from error
+        raise RecordError(f"{store.path} is damaged. Index the sources again.") from error
 
 
 def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
@@ -437,7 +437,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 
 @dataclass(frozen=True, slots=True)
 class _Weighed:
-    """A concept of the query, with only those phrases that occur in the catalogue.
+    """A concept of the query, reduced to the phrases that occur in the catalogue.
 
     Attributes:
         weight: Weight of the concept.

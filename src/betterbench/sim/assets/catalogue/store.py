@@ -79,7 +79,7 @@ class Store:
         self.path = folder / FILE
         exists = self.path.is_file()
         if not writes and not exists:
-            raise InvalidInputError(str(folder), "has no asset catalogue", "Run: better assets index")
+            raise InvalidInputError(str(folder), "it has no asset catalogue", "Run `better assets index`")
         with self.checked():
             mode = "rwc" if writes else "ro"
             self._database = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode={mode}", uri=True)
@@ -98,9 +98,9 @@ class Store:
             return
         self._database.close()
         if application != _APPLICATION:
-            raise RecordError(f"{self.path}: is not an asset catalogue. Use a different folder.")
+            raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
-            f"{self.path}: is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
+            f"{self.path} is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
             "index the sources again."
         )
 

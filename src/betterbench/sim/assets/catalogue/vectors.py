@@ -182,7 +182,7 @@ class VectorIndex:
         among: np.ndarray | None = None,
         exact: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of the rows that are nearest to any of the query vectors, and their cosines, best first.
+        """Return the indices and the cosines of the rows that are nearest to any of the query vectors, nearest first.
 
         Args:
             queries: Unit vectors (m, dimension) float32.
@@ -273,7 +273,7 @@ def _parts(places: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _damaged(path: Path, problem: str) -> RecordError:
-    return RecordError(f"{path}: {problem}. Remove the folder and index the sources again.")
+    return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")
 
 
 def columns_of(values: Sequence[tuple[int, int, int, int, float]]) -> Columns:

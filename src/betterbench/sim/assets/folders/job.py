@@ -82,7 +82,7 @@ def import_assets(
 ) -> ImportReport:
     """Import files into an asset folder.
 
-    Assets that are already there are kept. Files that cannot be imported are skipped.
+    Assets that are already in the folder are kept. Files that cannot be imported are skipped.
 
     Args:
         requests: The files to import.
@@ -107,7 +107,7 @@ def import_assets(
 
         def keep(result: object) -> None:
             if not isinstance(result, _Result):
-                raise TypeError("expected a result of this import job")
+                raise TypeError("the result was not produced by this import job")
             if result.made is None:
                 report.failed.append((_shown(result.request.path), result.problem))
                 return

@@ -18,7 +18,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 FORMAT = 1
 """Version of the manifest format."""
 _MAX_MANIFEST_BYTES = 64 << 20
-CURE = "Import the assets again with better assets import"
+CURE = "Import the assets again with `better assets import`"
 """Remedy for a damaged folder."""
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 

@@ -235,7 +235,7 @@ def _farthest(points: np.ndarray, others: cKDTree) -> float:
 
 
 def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the unit normals of triangles as an (m, 3) array. Triangles without an area get zeros."""
+    """Return the unit normals of triangles as an (m, 3) array. For a triangle without an area, the normal is zero."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])

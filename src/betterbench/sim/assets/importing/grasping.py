@@ -64,7 +64,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return the heights of the center of the pads at which grasps are tried, lowest first [m]."""
+    """Return the heights of the pads' center at which grasps are tried [m], starting with the lowest."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -74,7 +74,9 @@ def _heights(top: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Squares:
-    """Horizontal grid of squares, aligned with the closing direction of the fingers, and the square of each cell.
+    """Horizontal grid of squares that is aligned with the closing direction of the fingers.
+
+    It maps each cell to a square.
 
     Attributes:
         yaw: Angle of the gripper about the vertical [rad].
@@ -140,7 +142,9 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 
 
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
-    """Yield all runs of blocked squares that fit between the fingers and that the pads would touch, column by column.
+    """Yield all runs of blocked squares that fit between the fingers and would be touched by the pads.
+
+    The order is column by column.
 
     Each run is given by its column, its first row, the row after its last row, and the free space [m] beside it. The
     free space is measured on the side where it is narrower. All squares beyond the grid count as free.

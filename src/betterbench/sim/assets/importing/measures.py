@@ -1,4 +1,4 @@
-"""Measurements of a finished asset, such as gaps between its parts, or the visible fraction of back-facing surface."""
+"""Measurements of a finished asset, such as gaps between its parts, or how much back-facing surface is visible."""
 
 from __future__ import annotations
 

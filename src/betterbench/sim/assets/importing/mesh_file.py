@@ -487,7 +487,7 @@ def _opacity(alpha: float, material: Any) -> float:  # noqa: ANN401 - a material
 def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
     """Return the (n, 3) vertex colors in [0, 1] of a mesh from a glTF file, or None if the mesh has no vertex colors.
 
-    The color of the material is multiplied by them.
+    glTF multiplies the color of the material by the vertex colors.
     """
     colors = np.asarray(mesh.visual.vertex_attributes.get("color", ()))
     if colors.shape[:1] != (len(mesh.vertices),) or colors.ndim != 2 or colors.shape[1] < 3:

@@ -74,8 +74,8 @@ def imported(
         any_license: Whether restricted and unknown licenses are allowed.
         freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
         keeps_upright: Whether the object, such as a cup with a drink, must not lie on its side in a container.
-        review: Review file written by ``better review``, whose accepted changes are applied. If the object was rejected
-            or has no verdict, the first build of the category raises an error.
+        review: Review file written by ``better review``. The accepted changes in it are applied. If the object was
+            rejected or has no verdict, the first build of the category raises an error.
 
     Raises:
         InvalidInputError: If an asset with this name exists, or if the license is not free and ``any_license`` is

@@ -108,7 +108,7 @@ def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tu
 
 
 def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
-    """Return the axis that must point up so that an object of a tall kind stands, or one of a flat kind lies flat.
+    """Return the axis that must point up so that a tall kind of object stands, or a flat kind of object lies flat.
 
     Returns None if this is already the case with the given axis, or if the kind is neither tall nor flat.
     """

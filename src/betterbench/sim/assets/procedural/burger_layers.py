@@ -39,7 +39,7 @@ def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
 
 
 def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.ndarray:
-    """Return (n, 2) points on a rounded rectangle around the origin, at equal angles [m].
+    """Return (n, 2) points [m] on a rounded rectangle around the origin, at equally spaced angles.
 
     A ``roundness`` of 2 gives an ellipse. Larger values give a more rectangular shape.
     """
@@ -290,7 +290,9 @@ def _leaf(
     ruffles: int,
     pointed: float,
 ) -> Mesh:
-    """Return one leaf along x. ``half`` is half its length and width, and its blade is between the two heights [m].
+    """Return one leaf along x.
+
+    ``half`` gives half its length and half its width. Its blade is between the two heights [m].
 
     The edge of the leaf swings by ``wave`` [m] about its middle height. ``pointed`` makes the leaf narrower toward -x.
     """

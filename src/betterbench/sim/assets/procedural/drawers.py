@@ -295,7 +295,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the texture on its front. Its back and its edges show the plain center of the board."""
+    """Return the panel with the texture on its front. The back and the edges only show a plain area of the texture."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)

@@ -223,8 +223,8 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle, given its visual parts.
 
-    In a jar of average size, the glass and the cap weigh 70 g and the content weighs 50 g. The mass of other sizes is
-    proportional to their volume. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
+    In a jar of average size, the glass and the cap weigh 70 g and the content weighs 50 g. For other sizes, the mass is
+    proportional to the volume. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
     the grasp, and therefore stay above the rack while the jar stands in a hole that is 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched

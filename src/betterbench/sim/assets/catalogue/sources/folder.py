@@ -83,7 +83,7 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
         size = file.stat().st_size
         if size > MAX_FILE_BYTES:
             raise InvalidInputError(
-                inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the number of triangles in the mesh"
+                inside, f"it has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the number of triangles in the mesh"
             )
         facts = mesh_facts(file)
         named = told or _Described(inside)
@@ -156,7 +156,7 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
     if not there:
         return {}, ""
     if len(there) > 1:
-        raise InvalidInputError(str(root), f"has both {SIDECARS[0]} and {SIDECARS[1]}", "Keep one of them")
+        raise InvalidInputError(str(root), f"it has both {SIDECARS[0]} and {SIDECARS[1]}", "Keep one of them")
     (path,) = there
     data = read_bounded(path, max_bytes=_MAX_SIDECAR_BYTES, cure=_CURE)
     rows = _csv_rows(path, data) if path.suffix == ".csv" else read_form(_DESCRIBED, data, where=str(path), cure=_CURE)
@@ -178,7 +178,7 @@ def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
             tags = str(form.pop("tags", ""))
             forms.append({**form, "tags": [tag.strip() for tag in tags.split(";") if tag.strip()]})
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInputError(str(path), f"is not a CSV table in UTF-8 ({error})", _CURE) from error
+        raise InvalidInputError(str(path), f"it is not a CSV table in UTF-8 ({error})", _CURE) from error
     return read_form(_DESCRIBED, dump_json(forms), where=str(path), cure=_CURE)
 
 
@@ -186,7 +186,7 @@ def _open(target: str, options: SourceOptions) -> _Folder:
     root = Path(target).absolute()
     if not target or not root.is_dir():
         raise InvalidInputError(
-            target or "folder:", "is not a folder", "Write the path of a folder of mesh files as folder:PATH"
+            target or "folder:", "it is not a folder", "Write the path of a folder of mesh files as folder:PATH"
         )
     name = options.name or "_".join(words_of(root.name)) or "folder"
     if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):

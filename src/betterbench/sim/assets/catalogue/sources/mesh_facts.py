@@ -47,7 +47,7 @@ class MeshFacts:
 
 
 def mesh_facts(path: Path) -> MeshFacts:
-    """Read the facts that a mesh file states. The extension determines the format.
+    """Read facts about a mesh from its file. The extension of the file determines the format.
 
     Raises:
         InvalidInputError: If the file is damaged or does not have the format of its extension.
@@ -55,7 +55,7 @@ def mesh_facts(path: Path) -> MeshFacts:
     try:
         return _READERS[path.suffix.lower()](path)
     except OSError as error:
-        raise InvalidInputError(str(path), f"cannot be read ({error.strerror or error})", _CURE) from error
+        raise InvalidInputError(str(path), f"it cannot be read ({error.strerror or error})", _CURE) from error
 
 
 def _wrong(path: Path, problem: str) -> InvalidInputError:
@@ -184,9 +184,9 @@ def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:
-        raise _wrong(path, "has a vertex that does not consist of three numbers") from error
+        raise _wrong(path, "it has a vertex that does not consist of three numbers") from error
     if points.ndim != 2 or points.shape[1] != 3:
-        raise _wrong(path, "has a vertex that does not consist of three numbers")
+        raise _wrong(path, "it has a vertex that does not consist of three numbers")
     return _size(points.min(axis=0), points.max(axis=0))
 
 
@@ -206,7 +206,7 @@ def _stl(path: Path) -> MeshFacts:
             size = _size(corners.min(axis=0), corners.max(axis=0)) if count else None
             return MeshFacts(faces=count, size=size)
         if not head.lstrip().startswith(b"solid"):
-            raise _wrong(path, f"is neither a text STL file nor a complete binary STL file ({actual} bytes)")
+            raise _wrong(path, f"it is neither a text STL file nor a complete binary STL file ({actual} bytes)")
         if actual > MAX_TEXT_BYTES:
             return MeshFacts()
         file.seek(0)

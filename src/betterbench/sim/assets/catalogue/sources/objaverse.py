@@ -142,7 +142,7 @@ def _open(target: str, options: SourceOptions) -> _Objaverse:
     root = Path(target).absolute()
     if not (root / "metadata").is_dir():
         raise InvalidInputError(
-            target, "has no folder metadata", f"Pass the folder hf-objaverse-v1 of the package {NAME}. {_CURE}"
+            target, "it has no folder metadata", f"Pass the folder hf-objaverse-v1 of the package {NAME}. {_CURE}"
         )
     return _Objaverse(root)
 

@@ -99,8 +99,8 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
         where: Name of the object, for messages.
 
     Raises:
-        InvalidInputError: If the review has recorded a different value of the object before a change, or if a change
-            makes the object unusable.
+        InvalidInputError: If a change was recorded for a different state of the object, or if a change makes the object
+            unusable.
     """
     state = ReviewState(imported)
     for change in changes:
