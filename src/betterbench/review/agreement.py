@@ -97,7 +97,7 @@ def is_scene_review(path: Path) -> bool:
 
 
 def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and verdict of every object or scene with a verdict, keyed by content hash and condition.
+    """Return the name and the verdict of each reviewed object or scene, keyed by content hash and condition.
 
     The condition (training or variation) is empty for objects.
     """

@@ -68,7 +68,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each item of the queue. It is None for items without a verdict."""
+        """Return the current verdict on each item of the queue. The verdict is None for items that have none."""
         raise NotImplementedError
 
     def keep(self) -> bool:

@@ -166,7 +166,7 @@ class CommandPage(Generic[DeskT]):
         self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")
 
     def _begin_panel(self, eye: Vector, look_at: Vector) -> Any:  # noqa: ANN401 - viser's
-        """Set up an empty panel and the initial camera of the view. Return viser's GUI interface."""
+        """Set up an empty panel and the initial camera view. Return viser's GUI interface."""
         gui = self._viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
         gui.set_panel_label("better review")

@@ -1,8 +1,8 @@
 """State of one person's review of objects. The browser page is in a different module.
 
-It consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been saved.
-It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of edit, or
-together with a verdict.
+The state consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been
+saved. It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of
+edit, or together with a verdict.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class Grouped(Protocol):
 
     @property
     def cluster(self) -> str:
-        """Name of the item's cluster. The scores of items in the same cluster depend on each other."""
+        """Name of the item's cluster. The scores of items in the same cluster are not independent."""
 
     @property
     def chance(self) -> float | None:
@@ -67,7 +67,7 @@ def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
 
 
 def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
-    """Give all items of rare families the same kind as the other items of their question type.
+    """Assign all items of rare families to one kind per question type.
 
     The fit of the eyesight threshold estimates one parameter per kind, for which a rare family has too few items.
     """
@@ -107,7 +107,7 @@ class EyesightComparison:
     Attributes:
         name: Name of the model, with all settings that the runs have in common.
         benchmark: Title of the benchmark.
-        scores: Mean score of the items that state an object size, keyed by eyes (image resolution).
+        scores: Mean score of the items with a known object size, keyed by eyes (image resolution).
         alone: Threshold fitted to each run alone, keyed by eyes.
         one: Threshold fitted to all runs together. For each run except the first, it also contains the part of the loss
             (compared with the first run) that the object sizes do not explain.
@@ -161,7 +161,7 @@ class EyesightComparison:
 def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[Reading]]]) -> EyesightComparison | None:
     """Compare runs of one model with different image resolutions on the same items.
 
-    Returns None if no item states the size of its object.
+    Returns None if no item has a known object size.
 
     Args:
         name: Name of the model.

@@ -55,7 +55,7 @@ class Row:
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of the given names that is the name of a column.
+        """Return the first of the given names that is a column of the row.
 
         Raises InvalidInputError if the row has no column with any of the names.
         """
@@ -66,7 +66,7 @@ class Row:
         raise self.error(f"{names[0]}{other}", f"is missing. The row has {_listed(self.columns)}")
 
     def text(self, *names: str) -> str:
-        """Return the string in the first of the given columns that the row has. A number is converted to a string."""
+        """Return the string in the first of the given columns that exists. A number is converted to a string."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
@@ -74,7 +74,7 @@ class Row:
         return str(value)
 
     def text_or(self, otherwise: str, *names: str) -> str:
-        """Return the string in the first of the given columns that the row has.
+        """Return the string in the first of the given columns that exists.
 
         If the row has none of the columns or the cell is empty, return ``otherwise``.
         """
@@ -82,7 +82,7 @@ class Row:
         return otherwise if value is None or not str(value).strip() else str(value)
 
     def integer(self, *names: str) -> int:
-        """Return the integer in the first of the given columns that the row has. The integer must be at least 0."""
+        """Return the integer in the first of the given columns that exists. The integer must be at least 0."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, str) and value.strip().isascii() and value.strip().isdigit() and len(value) < 10:
@@ -94,7 +94,7 @@ class Row:
         return value
 
     def texts(self, *names: str) -> tuple[str, ...]:
-        """Return the list of strings in the first of the given columns that the row has."""
+        """Return the list of strings in the first of the given columns that exists."""
         name = self.named(*names)
         value = self.values.get(name)
         if not isinstance(value, list | tuple) or not value or not all(isinstance(v, str) and v.strip() for v in value):

@@ -116,8 +116,7 @@ class StaticRun:
         extractor_requests: Totals of the requests to the extractor, or None if there was no extractor.
         completeness: Number of items in the data, compared with the published number.
         prices: Prices of the model's tokens, or None if they are not given.
-        eyesight: Smallest object size at which the model answers correctly. None if the items do not state object
-            sizes.
+        eyesight: Smallest object size at which the model answers correctly. None if the object sizes are unknown.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""Export of sample logs in the format of lmms-eval, for tools that read such logs.
+"""Export sample logs in the format of lmms-eval, for tools that read this format.
 
 The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf). A
 file ``MODEL/DATE_samples_TASK.jsonl`` has one line per sample, without the document. ``resps`` is omitted if it equals

@@ -107,7 +107,7 @@ class StaticScore:
         headline: Headline number of the benchmark in each column.
         rule: Description of how the headline number is computed.
         changed: Number of items whose score the extractor changed.
-        outside: Number of items that were answered with a point or box that is partly outside the image.
+        outside: Number of items for which the answer has a point or box that is partly outside the image.
         items: Scores of the items, in order.
         gaps: Static illusion gaps. None if no question has a twin, i.e. the same question about the training scene.
     """

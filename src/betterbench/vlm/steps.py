@@ -41,7 +41,7 @@ class Cell:
 
     Attributes:
         value: Headline number of the benchmark, as a fraction.
-        n: Number of items on which the headline number is based.
+        n: Number of items that the headline number is based on.
         run: Folder of the run.
         parts: Mean score of each group that the paper's table shows as a column, keyed by the name of the group.
     """
@@ -156,7 +156,7 @@ class StepTable:
         warnings: Differences between runs that limit the comparison.
         groups: Steps on each group of questions.
         eyesight: Comparisons between runs of one model that differ only in image resolution ("eyes"), for benchmarks
-            that state object sizes.
+            with known object sizes.
     """
 
     column: str
@@ -312,7 +312,7 @@ def _group_steps(
 def _explained(
     step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
 ) -> GroupStep:
-    """Add to a step the smaller groups that explain it, such as the relation on which a question type's score drops."""
+    """Add to a step the smaller groups that explain it, such as the one relation for which the score drops."""
     same = (step.upper, step.lower, step.benchmark)
     smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
     if not step.is_supported or not smaller:

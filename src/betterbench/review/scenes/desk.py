@@ -1,6 +1,6 @@
 """State of one person's review of scenes. The browser page is in a different module.
 
-It consists of the current scene, the edit in progress, and the decisions.
+The state consists of the current scene, the edit in progress, and the decisions.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Asset certificate: checks that every imported or generated asset should pass before it is used in a task.
+"""Asset certificate: checks that an imported or generated asset should pass before a task uses it.
 
 - ``certificate``: runs all checks on one asset. ``result``: the results and their JSON form.
 - ``check``, ``subject``: the registry of checks, and the measurements that several checks share.

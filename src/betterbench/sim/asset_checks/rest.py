@@ -1,4 +1,4 @@
-"""Simulation of one asset that settles on a table, to find its pose at rest and how much it still moves."""
+"""Simulate how one asset settles on a table, to find its pose at rest and how much it still moves there."""
 
 from __future__ import annotations
 

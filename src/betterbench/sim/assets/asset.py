@@ -1,4 +1,4 @@
-"""The class Asset, which describes one 3-D object for scenes, experts and predicates."""
+"""The class Asset. It describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -170,7 +170,7 @@ class Asset:
         return find_named(f"region of {self.category}", name, self.regions)
 
     def content_hash(self) -> str:
-        """Return a hash of everything in the asset that affects physics or images (16 hexadecimal digits)."""
+        """Return a hash of all properties of the asset that affect physics or images (16 hexadecimal digits)."""
         digest = hashlib.sha256()
         numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
         digest.update(repr(numbers).encode() + repr(self.regions).encode())

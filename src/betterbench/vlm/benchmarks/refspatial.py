@@ -78,7 +78,7 @@ def _item(row: Row, split: str, identifier: str, pictures: dict[str, Callable[[]
 
 
 def _require_region(mask: bytes, ratio: float, where: str) -> None:
-    """Raise InvalidInputError if a mask is empty, or if its aspect ratio differs from that of its image."""
+    """Raise InvalidInputError if a mask is empty or does not have the aspect ratio of its image."""
     region = mask_of(mask, where)
     rows, columns = region.shape
     if not region.any():

@@ -60,8 +60,8 @@ class Shown:
         data: Content of the image file. It is the original file for ``native``, and otherwise a PNG file.
         width: Width of the shown image [pixel]. Absolute coordinates in an answer refer to the shown image.
         height: Height of the shown image [pixel].
-        detail: Width and height of the image at its effective resolution, which limits the detail that it can contain
-            [pixel]. For ``blur-224``, they are smaller than those of the shown image.
+        detail: Width and height [pixel] of the image at its effective resolution, which limits the visible detail. For
+            ``blur-224``, they are smaller than those of the shown image.
     """
 
     data: bytes

@@ -1,8 +1,8 @@
 """InternVL checkpoints in the Hugging Face format, which run in this process.
 
 Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers is not used,
-because it needs torchvision, whose wheels do not match the CPU build of PyTorch. Instead, this module replaces the
-placeholder of each image by one token per visual feature.
+because it needs torchvision, and the wheels of torchvision do not match the CPU build of PyTorch. Instead, this module
+replaces the placeholder of each image by one token per visual feature.
 """
 
 from __future__ import annotations

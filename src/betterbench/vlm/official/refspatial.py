@@ -161,7 +161,7 @@ def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int 
 
 
 def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
-    """Return the number of columns and of rows of the mask, by which the upstream programs scale coordinates."""
+    """Return the width and the height of the mask. The upstream programs use them to scale coordinates."""
     rows, columns = items.mask(item.gold.mask or "").shape
     return columns, rows
 

@@ -66,8 +66,8 @@ class Prompt:
             usual: Default convention for a prompt with ``{request}``. None for items without points and boxes.
 
         Raises:
-            InvalidInputError: If the wording states a convention that differs from the declared one, or if neither the
-                wording nor the user states a convention.
+            InvalidInputError: If the wording and the user state different conventions, or if neither of them states
+                one.
         """
         if usual is None:
             return declared or "pixels"

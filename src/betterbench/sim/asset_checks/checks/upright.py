@@ -1,4 +1,4 @@
-"""Check that an asset is upright in the pose that is usual for its kind."""
+"""Check that an asset has the upright pose of its kind."""
 
 from __future__ import annotations
 

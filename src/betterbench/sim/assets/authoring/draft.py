@@ -1,4 +1,4 @@
-"""Drafts of assets (the results of generators), and helpers that make the parts, grasps and regions of a draft."""
+"""Drafts of assets (the results of generators), and helpers for making their parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence

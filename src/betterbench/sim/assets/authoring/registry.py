@@ -76,8 +76,8 @@ def generator(
         colors: Color words. The first one is the default.
         looks: Number of variants for training and test. They are numbered from 0.
         unseen_looks: Number of held-out variants. They are numbered from ``looks`` on.
-        family: Categories of the same family draw the same random numbers for a variant, so that related objects (a
-            cabinet and its drawers, the plates of a set) match. If None, the category is its own family.
+        family: Categories of the same family draw the same random numbers for a variant, so that related objects match
+            (for example a cabinet and its drawers, or the plates of a set). If None, the category is its own family.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side to count as inside a
             container.
 

@@ -125,7 +125,7 @@ class Query:
         words: Terms of the query, without uninformative words.
         colors: Colors that the query names.
         beside: Words that do not name the object itself, such as "steak" in "a plate for steak".
-        kinds: Kinds to which a variety or brand in the query belongs, such as apple for "granny smith", each with a
+        kinds: Kinds that a variety or brand in the query belongs to, such as apple for "granny smith". Each has a
             weight in (0, 1].
         is_use: Whether the query only says what the object is used for ("it opens wine"). The nouns in such a query do
             not name the object.
@@ -178,7 +178,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 @functools.cache
 def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the kinds to which each listed variety or brand belongs, such as apple for "granny smith".
+    """Return the kinds that each listed variety or brand belongs to, such as apple for "granny smith".
 
     The keys are the varieties and brands, each as a tuple of terms.
     """
@@ -348,7 +348,7 @@ def understood(text: str, *, expander: Expander | None = None, is_word: Callable
 
 
 def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
-    """Return the kinds to which the varieties and brands in the query belong, each with a weight.
+    """Return the kinds that the varieties and brands in the query belong to, each with a weight.
 
     The weight is 1 if the variety is itself the noun that names the object ("a green granny smith"). It is smaller if
     the variety stands before another noun, which may name a different object ("a cheddar sandwich").

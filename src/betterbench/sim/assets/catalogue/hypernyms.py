@@ -123,7 +123,7 @@ def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
 
 @functools.cache
 def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return the indices of the kinds to which each attribute applies, such as "breakfast" in "breakfast crockery"."""
+    """Return the indices of the kinds that each attribute applies to, such as "breakfast" in "breakfast crockery"."""
     return hypernym_list() | _listed("~")
 
 
@@ -182,7 +182,7 @@ def members_named(text: str) -> frozenset[int]:
 
 
 def kind_named(text: str) -> frozenset[int]:
-    """Find the kind whose name is at the end of the noun phrase for the object: plate in "small plate under a cup".
+    """Find the kind named at the end of the noun phrase for the object, such as plate in "small plate under a cup".
 
     Return a set with the index of the kind, or an empty set if there is no such kind.
     """

@@ -44,7 +44,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class WordMatch:
-    """A row whose words match a query, with the values that are used to filter it.
+    """A row whose words match a query, with the values used for filtering.
 
     Attributes:
         row: Row number.
@@ -106,7 +106,7 @@ class Store:
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
-        """Context manager that converts SQLite errors to errors whose messages name the file and a remedy."""
+        """Context manager that converts SQLite errors to errors with the name of the file and a remedy."""
         try:
             yield
         except sqlite3.OperationalError as error:

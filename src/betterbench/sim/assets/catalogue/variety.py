@@ -109,7 +109,7 @@ def _kind(entry: CatalogueEntry) -> str:
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return the color of an asset from its source, or else the first color word in its texts, or else ""."""
+    """Return the color given by an asset's source, or else the first color word in its texts, or else ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 

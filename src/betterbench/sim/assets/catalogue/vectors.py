@@ -218,7 +218,7 @@ class VectorIndex:
         return np.asarray(near * self._scales[places])
 
     def _candidates(self, queries: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return the indices of the rows whose sketches are most similar to those of the query vectors.
+        """Return the indices of the rows with the sketches that are most similar to those of the query vectors.
 
         At least ``wanted`` indices are returned for each query vector, unless fewer rows pass the filters.
         """

@@ -38,7 +38,7 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Name by which tasks refer to the asset. If None, a name is derived from the name of the file.
+        name: Name by which tasks refer to the asset. If None, the asset is named after the file.
         color: Color word for the asset. If None, it is the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
@@ -153,7 +153,7 @@ class _Folder:
         """Return a name for each requested asset.
 
         If the user gave a name, it is used. Otherwise, an asset that is already in the folder keeps its name, and a new
-        asset gets a name that is derived from the name of its file.
+        asset is named after its file.
         """
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}

@@ -215,7 +215,7 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
-    """Return the largest depth of any point below the surface of a box with the corners (8, 3).
+    """Return how far the deepest of the points is below the surface of a box with the corners (8, 3).
 
     For points on the surface of a wire, this depth shows how rounded the edges of the wire are.
     """

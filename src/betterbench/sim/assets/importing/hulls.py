@@ -1,7 +1,7 @@
 """Collision shape of an object, made of convex hulls.
 
-A solid object gets a single hull or a convex decomposition. A hollow object gets hulls for its floor and for sectors of
-its wall, so that the hollow stays open.
+A solid object has a single hull or a convex decomposition. A hollow object has separate hulls for its floor and for
+sectors of its wall, so that the hollow stays open.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def convex_hulls(
 
 
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
-    """Return the convex hulls of a hollow object, using the division of its floor and walls that fits best.
+    """Return the convex hulls of a hollow object. Its floor and walls are divided in the way that fits best.
 
     The default is a division into bands. A base with walls on it is also tried if the floor is thick (as in a plate
     with a foot) or if the bands fill the hollow (as in a wide shallow tray). Rings are also tried if the other hulls
@@ -221,8 +221,8 @@ def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
     """Return the hulls of the floor and the walls of a hollow object.
 
     The surface is seen from a focal point in the middle of the opening. The angle between straight down and the
-    direction to a surface point grows along the profile, from the floor to the rim. Bands of this angle are therefore
-    pieces of the floor and of the wall, and each piece is nearly straight.
+    direction to a surface point grows along the profile, from the floor to the rim. If the surface is divided into
+    bands by this angle, each band is a nearly straight piece of the floor or the wall.
     """
     _, _, half_x, half_y = columns_box(solid, cavity.mask)
     radius = np.hypot(*(body.points[:, :2] - body.center).T)
@@ -391,7 +391,7 @@ def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarra
 
 
 def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
-    """Return the hulls of parts that are attached to the outside of a wall, such as handles, spouts and feet."""
+    """Return the hulls of the parts attached to the outside of a wall, such as handles, spouts and feet."""
     labels, count = ndimage.label(rest, ndimage.generate_binary_structure(3, 3))
     at = solid.index(solid.points)
     of = labels[tuple(at.T)]

@@ -180,7 +180,7 @@ def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Plac
 
 
 def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[Body, tuple[str, ...]]:
-    """Return the mass properties of an object, and notes that say where their values come from."""
+    """Return the mass properties of an object, and notes on where the values come from."""
     mass, said = _mass(placed, kind, longest, wishes)
     body, notes = stated_body(placed, wishes.mass_kg)
     if body is not None:

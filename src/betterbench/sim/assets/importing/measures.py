@@ -216,7 +216,7 @@ def _between(one: cKDTree, other: cKDTree) -> float:
 
 
 def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the fraction of an object's image that shows back-facing surface, which a renderer would not draw.
+    """Return the fraction of an object's image in which the nearest surface faces away and would not be drawn.
 
     The fraction is the mean over eight views around the object, from 35 degrees above the horizon. Cameras usually see
     objects on a table from similar angles.

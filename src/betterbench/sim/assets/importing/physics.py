@@ -43,8 +43,8 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
     """Return the mass, center of mass and inertia stated in the file, and notes about them.
 
     If the mass is missing or implausible, None is returned instead of mass properties. If the stated center of mass is
-    outside the object or not above its base, the center and the inertia are those of a solid body of this shape. The
-    inertia of a solid body is also used if only the stated inertia does not fit the shape.
+    outside the object or not above its base, the center and the inertia of a solid body of this shape are used instead.
+    If only the stated inertia does not fit the shape, only the inertia is replaced.
 
     Args:
         placed: The object.

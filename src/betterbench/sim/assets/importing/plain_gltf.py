@@ -210,7 +210,7 @@ def _plain_coordinates(document: _Document, surface: Form) -> bool:
 
 
 class _Document:
-    """A glTF file whose buffers are joined into one sequence of bytes, to which new values can be appended."""
+    """A glTF file with all buffers joined into one, so that new values can be appended."""
 
     def __init__(self, form: Form, data: bytes, read: Callable[[str], bytes]) -> None:
         self.form = form

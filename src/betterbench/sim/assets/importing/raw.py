@@ -65,7 +65,7 @@ class RawPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stated:
-    """Physical properties that a URDF or MJCF file states for an object, in the frame and the unit of the mesh.
+    """Physical properties of an object stated in a URDF or MJCF file, in the frame and the unit of the mesh.
 
     Attributes:
         mass_kg: Mass, or None if the file does not state it.
@@ -100,7 +100,7 @@ class RawMesh:
     Attributes:
         up: Axis that points up according to the file format. None if the format does not define one.
         unit_m: Length of one unit [m] according to the file format. None if the format does not define it.
-        stated: Physical properties that a URDF or MJCF file states, or None for a file that contains only a mesh.
+        stated: Physical properties stated in a URDF or MJCF file. None for a file that contains only a mesh.
     """
 
     parts: tuple[RawPart, ...]

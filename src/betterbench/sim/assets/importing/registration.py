@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import loading_folder
 
 @dataclass(frozen=True, slots=True)
 class MeshImport:
-    """Mesh file that is registered as a category of assets, with the options of its import."""
+    """Mesh file that is registered as a category of assets, with its import options."""
 
     category: str
     path: Path
@@ -64,8 +64,8 @@ def imported(
         name: Name or description that determines the kind of object ("coffee mug"). If None, the category is used.
         size_m: Longest side [m]. If None, it is determined from the unit of the file format and the usual sizes of this
             kind of object.
-        mass_kg: Mass [kg]. If None, it is the mass that the file states, or else the usual mass of this kind at this
-            size.
+        mass_kg: Mass [kg]. If None, the mass stated in the file is used, or else the usual mass of an object of this
+            kind and size.
         up: Axis of the file's frame that points up. If None, it is determined from the file format or from the most
             stable pose.
         license: License of the mesh, shown in lists of sources.

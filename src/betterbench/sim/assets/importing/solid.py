@@ -176,7 +176,7 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the center of mass and the inertia of a body of uniform density that fills the cells of a solid.
+    """Return the center of mass and the inertia of a solid, assuming uniform density.
 
     The center is a (3,) array [m]. The inertia is a (3, 3) tensor about the center of mass [kg m^2]. A cell that the
     surface passes through counts as half full.

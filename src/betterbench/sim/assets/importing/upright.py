@@ -74,9 +74,8 @@ def place(
         mesh: The mesh in the frame of its file.
         kind: Kind of the object, or None if the kind is not known.
         where: Name of the file, for messages.
-        up: Axis of the file's frame that points up. If None, the axis is determined from the file format, from the
-            hollow of an open object, from the usual pose of its kind (bottles stand, forks lie), or from the most
-            stable pose.
+        up: Axis of the file's frame that points up. If None, the axis is determined from the file format, the hollow of
+            an open object, the usual pose of its kind (bottles stand, forks lie), or the most stable pose.
         size_m: Longest side [m]. If None, the unit of the file format is used if the resulting size is plausible for
             this kind. Otherwise, another common unit with a plausible size is used. If there is none, the object gets
             the typical size of its kind.
@@ -96,7 +95,7 @@ def place(
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the axis of the file's frame that points up, and notes that explain the choice."""
+    """Return the axis of the file's frame that points up, and notes explaining the choice."""
     if up is not None:
         return up, ()
     axis, cavity, notes = _by_rule_or_hollow(sized, kind)
@@ -198,8 +197,8 @@ def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
     """Find the nearest face of the convex hull on which the object could stand without tipping over.
 
     Returns:
-        The angle [rad] and the matrix of the rotation that turns this face down to the table, or None if no such face
-        is near enough.
+        The angle [rad] and the matrix of the rotation that turns this face down to the table. None if no such face is
+        near enough.
     """
     middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)

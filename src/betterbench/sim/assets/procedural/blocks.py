@@ -21,7 +21,7 @@ def _painted_wood(
     """Draw painted wood with wavy annual rings and grain.
 
     ``waves`` gives the number of annual rings, and the height and the number of the waves in each ring. ``rings`` is
-    the strength of the rings, ``amount`` that of the grain, and ``cells`` the number of fibers.
+    the strength of the rings, ``amount`` is the strength of the grain, and ``cells`` is the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves

@@ -37,9 +37,9 @@ _TRAITS = ("glass", "medicine", "pharmacy", "plain", "steel")
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar that is filled to its shoulder with white salt (S), black pepper (P) or red paprika.
 
-    The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
-    color of a different jar. The glass is painted instead of transparent, because a single transparent part doubles the
-    rendering time of depth images.
+    The whole jar has the color of the spice. The cap has the same color or is made of steel, so that a cap never has
+    the color of a different spice. The glass is painted instead of transparent, because a single transparent part
+    doubles the rendering time of depth images.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
     content, name = jittered(_CONTENT[color], rng, amount=0.04), _NAMES[color]
@@ -247,7 +247,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Colors of the print on a label: the color of letters and lines, and the colors of the drawing of a pepper pod."""
+    """Colors of a printed label: the color of letters and lines, and the colors of the pepper pod."""
 
     ink: Rgb
     pod: Rgb

@@ -63,7 +63,7 @@ class _Folder:
         return f"folder:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each object. Meshes that a URDF or MJCF file uses belong to the object in that file."""
+        """Yield one item for each object. Meshes used by a URDF or MJCF file are part of the object in that file."""
         described, stamp = _sidecar(self.root)
         files = sorted(_mesh_files(self.root))
         used = _used_files(files, on_skip, self.root)
@@ -119,7 +119,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
     """Return the files that are not separate objects.
 
-    These are the files that a URDF or MJCF file uses, and XML files that do not describe an object.
+    These are files used by a URDF or MJCF file, and XML files that do not describe an object.
     """
     found: set[Path] = set()
     for file in files:

@@ -29,7 +29,7 @@ _CURE = "Repair the file or remove it"
 
 @dataclass(frozen=True, slots=True)
 class MeshFacts:
-    """Facts about a mesh, as stated in its file.
+    """Facts about a mesh, read from its file.
 
     Attributes:
         faces: Number of triangles, or None if unknown.

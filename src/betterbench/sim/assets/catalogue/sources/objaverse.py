@@ -97,7 +97,7 @@ def _text(value: object) -> str:
 
 
 def _names(value: object) -> list[str]:
-    """Return the names in a JSON list, whose elements are either names or JSON objects that contain a name."""
+    """Return the names in a JSON list. Each element is either a name or a JSON object that contains a name."""
     listed = value if isinstance(value, list) else []
     found = (_text(one.get("name") if isinstance(one, dict) else one) for one in listed)
     return [name[:80] for name in found if name]
