@@ -1,4 +1,4 @@
-"""Agreement between two reviewers, measured on the objects or scenes that both of them have judged."""
+"""Agreement between two reviewers, measured on the objects or scenes that both have reviewed."""
 
 from __future__ import annotations
 

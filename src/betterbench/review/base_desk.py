@@ -32,7 +32,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
 
     Attributes:
         queue: Items to review.
-        journal: File to which the decisions are written.
+        journal: File that the decisions are written to.
         author: Name of the reviewer.
         index: Index of the current item in the queue.
         mode: What the gizmo (the handle that the reviewer drags in the 3D view) moves, such as the object or a grasp.

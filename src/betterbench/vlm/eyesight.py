@@ -82,7 +82,7 @@ def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
     Args:
         readings: Scores of items and sizes of their objects, from one run or from several runs with different image
             resolutions ("eyes").
-        purpose: Name of the estimate, from which the bootstrap's random seed is derived.
+        purpose: Name of the estimate. The random seed of the bootstrap is derived from it.
     """
     if not readings:
         return None

@@ -42,8 +42,8 @@ def static(
         benchmark: Name of the benchmark, as for ``better vlm``.
         data: Folder with the data of the benchmark. For better-vqa, it is a set written by ``better vqa``.
         prompt: Identifier of the prompt. If None, betterbench's own prompt for the benchmark is used.
-        coordinates: Coordinate convention in which the model gives points and boxes. If None, it is the convention of
-            the prompt.
+        coordinates: Coordinate convention of the points and boxes in the model's answers. If None, it is the convention
+            of the prompt.
         eyes: Resolution of the images.
     """
     chosen = find_benchmark(benchmark)

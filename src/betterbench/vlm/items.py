@@ -126,7 +126,7 @@ class ItemSet:
         items: The items, in the order of the data.
         read: Function that returns the content of an image file, given the name of the image. The file has any format
             that Pillow reads.
-        files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
+        files: SHA-256 of each file that items were read from, keyed by file name. The hashes are part of the content
             hash.
         reference: Success rates in percent that each group is compared with, such as those of guessing and of a
             classifier without access to the image.
@@ -182,7 +182,7 @@ class ItemSet:
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
         """Return the target region in a mask image, as a boolean array (rows, columns).
 
-        The region consists of the pixels whose value is above ``above``.
+        The region consists of the pixels with a value above ``above``.
         """
         with self._lock:
             found = self._masks.pop((name, above), None)

@@ -27,7 +27,7 @@ def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequ
     Args:
         pairs: First and second score of each pair, each between 0 and 1.
         clusters: Name of the cluster of each pair.
-        purpose: Name of the comparison, from which the bootstrap's random seed is derived.
+        purpose: Name of the comparison. The random seed of the bootstrap is derived from it.
     """
     generator = stream("static steps", 0, f"bootstrap:{purpose}")
     if _is_binary(pairs):

@@ -98,7 +98,7 @@ def sendable(data: bytes, where: str) -> bytes:
 
 
 def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
-    """Return a boolean array (rows, columns) of the pixels whose first channel is above ``above``."""
+    """Return a boolean array (rows, columns) of the pixels with a value above ``above`` in the first channel."""
     size_of(data, where)
     try:
         with Image.open(io.BytesIO(data)) as image:

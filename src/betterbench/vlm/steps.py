@@ -74,7 +74,7 @@ class Step:
         adjusted: p-value after Holm's correction over all steps in the table.
         test: Name of the test.
         changed: Settings that differ between the two runs.
-        is_supported: Whether the adjusted p-value is below the level of the tests.
+        is_supported: Whether the adjusted p-value is below the significance level.
     """
 
     upper: str
@@ -124,7 +124,7 @@ class GroupStep:
         difference: Paired difference of the mean scores (upper minus lower row), as a fraction.
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all groups of this kind in the table.
-        is_supported: Whether the adjusted p-value is below the level of the tests.
+        is_supported: Whether the adjusted p-value is below the significance level.
         explained_by: Smaller groups that explain the difference. Each of them has a supported difference, and without
             their items, the difference of this group is not significant.
     """
@@ -152,7 +152,7 @@ class StepTable:
 
     Attributes:
         column: Column of the scores: "strict", "parsed" or "extracted".
-        alpha: Level of the tests.
+        alpha: Significance level of the tests.
         warnings: Differences between runs that limit the comparison.
         groups: Steps on each group of questions.
         eyesight: Comparisons between runs of one model that differ only in image resolution ("eyes"), for benchmarks
@@ -192,7 +192,7 @@ def step_table(
         names: Label of the table row for each run. If empty, the label consists of the model, its image resolution and
             number of tiles, and also of the prompt if runs differ only in the prompt.
         column: Column of the scores: "strict", "parsed" or "extracted".
-        alpha: Level of the tests.
+        alpha: Significance level of the tests.
 
     Raises:
         InvalidInputError: If the number of names differs from the number of runs.

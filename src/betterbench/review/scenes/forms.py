@@ -52,8 +52,8 @@ def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "
     If the change moved a placement frame, the JSON form stays the same, since the frame is stored in an asset.
 
     Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
-            moved it.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position that the reviewer moved it
+            from.
     """
     new: dict[str, Any] = copy.deepcopy(dict(form))
     if isinstance(change, FrameChange):
@@ -84,8 +84,8 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
     The same form and the same changes always give the same result.
 
     Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
-            moved it.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position that the reviewer moved it
+            from.
     """
     new = dict(form)
     for change in changes:

@@ -15,7 +15,7 @@ from betterbench.vqa.coordinates import Coordinates
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Rule by which the headline number of a benchmark is computed.
+    """Rule for computing the headline number of a benchmark.
 
     Attributes:
         rule: "micro" for the mean over all items, "macro" for the unweighted mean over groups.
@@ -75,7 +75,7 @@ class Benchmark:
     """A static benchmark.
 
     Attributes:
-        title: Name that tables show.
+        title: Name that is shown in tables.
         read: Function that reads the data in a folder, in any of the published formats.
         source: Origin of the data, and the terms under which it may be used.
         headline: Rule by which the headline number is computed.

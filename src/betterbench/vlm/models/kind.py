@@ -33,7 +33,7 @@ class ModelOptions:
         key_variable: Environment variable that contains the key of an endpoint.
         coordinates: Coordinate convention that the user has declared, or None.
         data: Folder with the data of the benchmark. None if the command generates the data itself.
-        records: Run from which the frames in the questions come. Only used by a model that receives recorded states
+        records: Run that the frames in the questions come from. Only used by a model that receives recorded states
             instead of images.
     """
 

@@ -33,8 +33,8 @@ class Prompt:
         source: Where the wording comes from.
         option: Template for one option, with ``{letter}`` and ``{text}``.
         frame: Template for the line about one image, with ``{number}`` and ``<image>``.
-        coordinates: Coordinate convention that the wording states. None if the wording states none, or if ``{request}``
-            states it.
+        coordinates: Coordinate convention that the wording states. None if the wording does not state a convention, or
+            if ``{request}`` states it.
     """
 
     id: str

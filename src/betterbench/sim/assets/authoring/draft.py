@@ -25,7 +25,7 @@ JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Draft:
-    """Description of one object, from which the registry makes an asset.
+    """Description of one object. The registry makes an asset from it.
 
     The registry adds the category, the variant number and the color word. The color word also becomes the last tag. The
     registry also distributes the mass over the collision parts and measures the size. The fields that are not listed

@@ -117,7 +117,7 @@ def unregister(category: str) -> None:
 
 
 def _origin(make: Generator) -> str:
-    """Return the name of a generator and the file in which it is defined, for messages."""
+    """Return the name of a generator and of the file that defines it, for use in messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'an unknown file')}"
 

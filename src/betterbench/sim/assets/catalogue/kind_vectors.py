@@ -57,7 +57,7 @@ def _line(dimension: int) -> np.dtype:
 def write_kinds(
     folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """Write the files in which a catalogue stores the kinds of its objects.
+    """Write the files that store the kinds of the objects in a catalogue.
 
     Args:
         folder: Folder of the catalogue.
@@ -76,7 +76,7 @@ def write_kinds(
 
 
 class KindIndex:
-    """Index that is used to search a catalogue by kinds of objects.
+    """Index for searching a catalogue by kinds of objects.
 
     Attributes:
         rows: Index of the kind of each catalogue row, (n,) int16. -1 for rows without a kind.

@@ -1,4 +1,4 @@
-"""SQLite file of an asset catalogue, which stores the rows of the catalogue and the words in them."""
+"""SQLite file that stores the rows of an asset catalogue and the words in them."""
 
 from __future__ import annotations
 

@@ -142,5 +142,5 @@ def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
 
 
 def with_look(chosen: Chosen) -> CatalogueEntry:
-    """Return the catalogue row of a chosen asset, with the id of the row replaced by the id of the chosen variant."""
+    """Return a copy of a chosen asset's catalogue row with the id of the chosen variant."""
     return replace(chosen.hit.entry, id=chosen.id)

@@ -246,7 +246,7 @@ class VectorIndex:
     def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
         """Return at least ``wanted`` of the given row indices.
 
-        They are the rows whose sketches are most similar to the sketch of any query vector.
+        The sketches of these rows are the most similar to the sketch of any query vector.
         """
         sketches = self._sketches[:, places]
         differing = np.full(len(places), 65535, np.uint16)

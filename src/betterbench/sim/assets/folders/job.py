@@ -243,7 +243,7 @@ def _listed(file: str, request: ImportRequest, made: Made, imported: Imported) -
 
 
 def _options(request: ImportRequest) -> dict[str, str | float | bool]:
-    """Return the import options that differ from their defaults, to be stored in the manifest."""
+    """Return the import options that differ from their defaults. They are stored in the manifest."""
     said = {**asdict(replace(request.wishes)), "color": request.color}
     return {key: value for key, value in said.items() if value not in (None, False)}
 
@@ -256,7 +256,7 @@ def _digest(path: Path) -> str:
 
 
 def _free_name(path: Path, taken: set[str]) -> str:
-    """Return a free name made of the words in a file name: "mug", or "my_mug" or "my_mug_2" if "mug" is taken."""
+    """Return an unused name made of the words in a file name: "mug", or "my_mug" or "my_mug_2" if "mug" is taken."""
     whole = path.absolute()
     plain = "_".join(word for word in file_words(whole, Path(whole.anchor)) if word.isascii())[:40]
     name = plain if is_asset_name(plain) else "object"

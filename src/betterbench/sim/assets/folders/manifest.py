@@ -36,7 +36,7 @@ class FolderAsset:
         file: Name of the asset's file in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind of object, from which the size and the mass were determined. Empty if the kind is unknown.
+        kind: Kind of object. The size and the mass were determined from it. Empty if the kind is unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Manifest of an asset folder. The keys of ``assets`` are the names by which tasks refer to the assets."""
+    """Manifest of an asset folder. The keys of ``assets`` are the names that tasks use for the assets."""
 
     format: int
     assets: dict[str, FolderAsset]

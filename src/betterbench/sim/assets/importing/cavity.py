@@ -1,4 +1,4 @@
-"""Detection of the hollow and of the level surfaces of an object.
+"""Find the hollow and the level surfaces of an object.
 
 The hollow is the space in which water remains after the object is flooded.
 """
@@ -70,8 +70,8 @@ def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
 
     Args:
         solid: The object.
-        with_seams: Whether gaps of up to two cells, such as the seams between convex collision parts, are watertight.
-            If False, water flows out through them.
+        with_seams: Whether to treat gaps of up to two cells, such as the seams between convex collision parts, as
+            watertight. If False, water flows out through them.
     """
     tops = tops_of(solid)
     if with_seams:

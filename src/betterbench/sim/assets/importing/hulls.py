@@ -69,7 +69,7 @@ def convex_hulls(
     Args:
         solid: Cells of the object and points on its surface.
         surface: (n, 3) vertices [m] and (m, 3) faces.
-        cavity: Hollow of the object, which the shapes leave open, or None if the object has no hollow.
+        cavity: Hollow of the object, or None if the object has none. The shapes leave the hollow open.
 
     Returns:
         The vertices of each convex shape as an (n, 3) array [m], and the fit of all shapes together.
@@ -126,7 +126,7 @@ def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
 
 
 def _misfit(fit: Fit) -> float:
-    """Return the cost of a fit [m], which is larger for a worse fit.
+    """Return the cost of a fit [m]. A worse fit has a higher cost.
 
     Missing collision geometry has a higher cost than collision geometry outside the surface.
     """

@@ -1,4 +1,4 @@
-"""Usual size, mass and use of each kind of object, which determine the scale, mass and pose of imported meshes."""
+"""Usual size, mass and use of each kind of object. They determine the scale, mass and pose of imported meshes."""
 
 from __future__ import annotations
 

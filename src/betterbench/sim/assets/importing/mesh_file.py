@@ -68,7 +68,7 @@ _READABLE_EXTENSIONS = frozenset(
 
 
 class FolderResolver(trimesh.resolvers.Resolver):
-    """Resolver that opens the files to which a mesh file refers. It only opens files in the folder of the mesh file.
+    """Resolver that opens the files that a mesh file refers to. It only opens files in the folder of the mesh file.
 
     The first error is kept in ``problem``, because trimesh silently drops a material whose file it cannot read.
 
@@ -199,8 +199,8 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
     Args:
         path: The mesh file.
-        files: Resolver that opens the files to which the mesh file refers and records them. If None, a resolver for the
-            mesh file's folder is created.
+        files: Resolver that opens and records the files that the mesh file refers to. If None, a resolver for the mesh
+            file's folder is created.
 
     Raises:
         InvalidInputError: If the file cannot be read, has no triangles, or refers to a file outside its folder.
@@ -293,7 +293,7 @@ def _without_unused_textures(data: bytes, used: frozenset[str] | None) -> bytes:
 
 
 def _texture_file(name: str, where: str) -> str:
-    """Return the file name of a texture in an MTL file, without the options that stand before the name.
+    """Return the file name of a texture in an MTL file, without the options before the name.
 
     Raises:
         InvalidInputError: If an option scales or shifts the texture, which is not supported.

@@ -34,7 +34,7 @@ _Text = Annotated[str, Field(max_length=2000)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Described:
-    """Description of one asset, as read from a sidecar file that describes the files in a folder."""
+    """Description of one asset, read from the sidecar file of a folder."""
 
     file: _Text
     name: _Text = ""

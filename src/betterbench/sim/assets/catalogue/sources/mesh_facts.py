@@ -85,7 +85,7 @@ def _gltf(path: Path) -> MeshFacts:
 
 
 class _GltfScene:
-    """Reader of a glTF description. It determines the number of triangles and the extents of the default scene."""
+    """Reader for a glTF description. It determines the number of triangles and the extents of the default scene."""
 
     def __init__(self, form: Mapping[str, Any]) -> None:
         self._form = form

@@ -148,7 +148,7 @@ def _open(target: str, options: SourceOptions) -> _Objaverse:
 
 
 def _downloaded() -> Path:
-    """Download the annotations with the package objaverse, and return the folder in which it stores them."""
+    """Download the annotations with the package objaverse, and return the folder where it stores them."""
     try:
         package = importlib.import_module(NAME)
     except ImportError as error:
