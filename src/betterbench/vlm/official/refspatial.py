@@ -1,4 +1,4 @@
-"""Scorers of RefSpatial-Bench, which reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
+"""Scorers of RefSpatial-Bench that reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
 
 In RoboRefer's evaluation, each coordinate convention has its own pattern for points. The score of an item is the mean
 of the mask over the points in the reply. If the program fails to read a reply, it omits the item from the denominator.
@@ -179,8 +179,8 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
     """Score a reply as lmms-eval does.
 
-    All pairs of numbers, even of integers, count as fractions of the image size. Boxes are ignored. A mask whose values
-    are all small counts as empty.
+    All pairs of numbers, even pairs of integers, are treated as fractions of the image size. Boxes are ignored. If all
+    values of a mask are small, the mask is treated as empty.
     """
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)

@@ -26,7 +26,7 @@ class Solid:
 
     Attributes:
         cells: (nx, ny, nz) bool, True for the cells that the object occupies. The outermost layer of cells is empty.
-        surface: (nx, ny, nz) bool, True for the cells through which the surface passes.
+        surface: (nx, ny, nz) bool, True for the cells that the surface passes through.
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
         points: (k, 3) points spread evenly over the surface [m].
@@ -130,7 +130,7 @@ def _sum_of_products(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> Solid:
-    """Return the solid that is bounded by a surface, on a grid with ``grid`` cells along the longest side.
+    """Return the solid bounded by a surface, on a grid with ``grid`` cells along the longest side.
 
     Args:
         vertices: (n, 3) positions [m].

@@ -270,10 +270,10 @@ def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavi
 
 
 def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) -> tuple[float, ...]:
-    """Return a sort key for poses, which is largest for the pose that is most likely to be upright.
+    """Return a sort key for poses. The pose that is most likely to be upright has the largest key.
 
-    If objects of this kind have an opening at the top, the size of the hollow counts first. The stability of the pose
-    counts next.
+    If objects of this kind have an opening at the top, the key compares the size of the hollow first. It then compares
+    the stability of the pose.
     """
     water = 0.0
     if kind is not None and kind.is_open and cavity is not None:

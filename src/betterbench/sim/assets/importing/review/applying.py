@@ -70,7 +70,7 @@ class ReviewState:
 
     Attributes:
         imported: The object with all changes made so far.
-        turned: Rotation (w, x, y, z) from the pose in which the object was imported to its current pose.
+        turned: Rotation (w, x, y, z) from the imported pose of the object to its current pose.
     """
 
     imported: Imported
