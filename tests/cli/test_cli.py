@@ -103,7 +103,7 @@ def test_options_may_precede_the_command_of_a_verb(capsys, tmp_path):
     )
     assert before == after
     assert before[0] == 2
-    assert "has no catalogue of assets" in before[2]
+    assert "has no asset catalogue" in before[2]
 
 
 @pytest.mark.parametrize("verb", every_command())

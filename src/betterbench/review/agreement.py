@@ -1,4 +1,4 @@
-"""Agreement between two reviewers, measured on the objects or scenes that both of them have judged."""
+"""Agreement between two reviewers, measured on the objects or scenes that both have reviewed."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class ReviewAgreement:
         only_first: Number of objects or scenes that only the first reviewer judged. They are not counted in the tables.
         only_second: Number of objects or scenes that only the second reviewer judged. They are not counted in the
             tables.
-        apart: Objects or scenes on which the reviewers disagree, each with its name and the two verdicts, in the order
-            of the first review.
+        apart: Name and both verdicts of each object or scene on which the reviewers disagree, in the order of the first
+            review.
         what: What was reviewed: "objects" or "scenes".
     """
 
@@ -82,13 +82,13 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
 
 def is_scene_review(path: Path) -> bool:
-    """Return whether a file is a review of scenes rather than of objects, as stated in the first line of the file.
+    """Return whether a file is a review of scenes rather than of objects. The first line of the file states this.
 
     Raises:
         RecordError: If the file is missing.
     """
     if not path.exists():
-        raise RecordError(f"{path}: does not exist. Pass a file written by `better review`.")
+        raise RecordError(f"{path} does not exist. Pass a file written by `better review`.")
     lines, _ = complete_lines(path)
     with suppress(ValueError):
         first = json.loads(lines[0]) if lines else {}
@@ -97,7 +97,7 @@ def is_scene_review(path: Path) -> bool:
 
 
 def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and the verdict of each judged object or scene, keyed by its content hash and its condition.
+    """Return the name and the verdict of each reviewed object or scene, keyed by content hash and condition.
 
     The condition (training or variation) is empty for objects.
     """

@@ -32,7 +32,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
 
     Attributes:
         queue: Items to review.
-        journal: File to which the decisions are written.
+        journal: File that the decisions are written to.
         author: Name of the reviewer.
         index: Index of the current item in the queue.
         mode: What the gizmo (the handle that the reviewer drags in the 3D view) moves, such as the object or a grasp.
@@ -68,7 +68,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each item of the queue. It is None for items without a verdict."""
+        """Return the current verdict on each item of the queue. The verdict is None for items that have none."""
         raise NotImplementedError
 
     def keep(self) -> bool:

@@ -1,4 +1,4 @@
-"""Base class of the ``better review`` pages, whose keys, buttons and fields send commands.
+"""Base class of the ``better review`` pages, on which keys, buttons and fields send commands.
 
 The callbacks of the page only put commands into a queue. :meth:`CommandPage.run` takes the commands out of the queue
 and executes them in order.
@@ -29,7 +29,7 @@ MOST_WAITING = 200
 
 
 class CommandPage(Generic[DeskT]):
-    """Review page whose keys, buttons and fields send commands. Subclasses can add further commands.
+    """Review page on which keys, buttons and fields send commands. Subclasses can add further commands.
 
     Attributes:
         server: Server of the page.
@@ -40,7 +40,7 @@ class CommandPage(Generic[DeskT]):
 
         Args:
             desk: State of the review.
-            taps: Command that each key sends, keyed by key code.
+            taps: Command for each key, keyed by key code.
             host: Network interface to listen on.
             port: Port to listen on. 0 chooses any free port.
 
@@ -71,7 +71,7 @@ class CommandPage(Generic[DeskT]):
         raise NotImplementedError
 
     def run(self, stopped: threading.Event) -> None:
-        """Execute the waiting commands in order, until the event ``stopped`` is set."""
+        """Execute the commands in the queue in order, until the event ``stopped`` is set."""
         self.begin()
         while not stopped.is_set():
             try:
@@ -117,7 +117,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands that all reviews share. They include one command per mode, which switches to the mode."""
+        """Return the commands that all reviews share. For each mode, there is one command that switches to it."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),
@@ -136,7 +136,7 @@ class CommandPage(Generic[DeskT]):
             self._reason.value = ""
 
     def _set_stage(self, light: float) -> Any:  # noqa: ANN401 - viser's
-        """Set up an empty 3D view with the given intensity of the environment light, and return it."""
+        """Set up an empty 3D view whose environment light has the given intensity. Return the view."""
         scene = self._viser.scene
         scene.set_up_direction("+z")
         scene.world_axes.visible = False
@@ -154,7 +154,7 @@ class CommandPage(Generic[DeskT]):
     # ---------------------------------------------------------------------------------------------------------- panel
 
     def _begin_verdicts(self, gui: Any) -> None:  # noqa: ANN401 - viser's
-        """Add the heading, the status, the verdict buttons and the field for the reason of a verdict to the panel."""
+        """Add the heading, the status, the verdict buttons and a field for the reason to the panel."""
         item, subject = self._desk.ITEM, self._desk.SUBJECT
         self._head = gui.add_html("")
         self._status = gui.add_html("")
@@ -166,7 +166,7 @@ class CommandPage(Generic[DeskT]):
         self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")
 
     def _begin_panel(self, eye: Vector, look_at: Vector) -> Any:  # noqa: ANN401 - viser's
-        """Set up an empty panel and the initial camera of the view. Return viser's GUI interface."""
+        """Set up an empty panel and the initial camera view. Return viser's GUI interface."""
         gui = self._viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
         gui.set_panel_label("better review")
@@ -206,7 +206,7 @@ class CommandPage(Generic[DeskT]):
     def _input(self, element: Any, kind: InputKind, command: str | None) -> Any:  # noqa: ANN401
         """Store the values that the user types into a field.
 
-        If a command is given, each new value also sends the command.
+        If a command is given, it is also sent for each new value.
         """
         self.server.expect(element, kind)
         if command is not None:

@@ -1,8 +1,8 @@
 """State of one person's review of objects. The browser page is in a different module.
 
-It consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been saved.
-It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of edit, or
-together with a verdict.
+The state consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been
+saved. It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of
+edit, or together with a verdict.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def turn(self) -> Quaternion:
-        """Rotation (w, x, y, z) that the edit in progress adds to the last saved pose of the object."""
+        """Rotation (w, x, y, z) of the object in the edit in progress, relative to its last saved pose."""
         if not isinstance(self.edit, PoseChange):
             return IDENTITY_QUATERNION
         w, x, y, z = self.edit.before
@@ -137,7 +137,10 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------- editing
 
     def turn_by(self, axis: Sequence[float], degrees: float) -> None:
-        """Rotate the object about a world axis. The rotation is added to that of the edit in progress."""
+        """Rotate the object about a world axis.
+
+        If the edit in progress is already a rotation, the two rotations are combined.
+        """
         step = from_axis_angle([math.radians(degrees) * v for v in axis])
         self.turn_to(normalize(multiply(step, self.turn)))
 
@@ -154,7 +157,10 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = ScaleChange(max(state.size_m), longest_m)
 
     def size_by(self, factor: float) -> None:
-        """Scale the object by a factor. The factor multiplies the scaling of the edit in progress."""
+        """Scale the object by a factor.
+
+        If the edit in progress is already a scaling, the two factors are multiplied.
+        """
         if self.state is not None:
             longest = self.edit.after if isinstance(self.edit, ScaleChange) else max(self.state.size_m)
             self.size(round(factor * longest, 4))
@@ -193,7 +199,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     def add(self) -> None:
         """Add a new grasp or placement frame in the middle of the object.
 
-        It is an edit in progress until it is saved.
+        The new grasp or frame remains an edit in progress until it is saved.
         """
         state = self.state
         if state is None or not self.keep():
@@ -296,7 +302,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Begin an edit of the given kind. An edit in progress of another kind is saved first.
+        """Begin an edit of the given kind. If an edit of another kind is in progress, it is saved first.
 
         Returns:
             The state of the object to edit. None if the object cannot be imported, or if the previous edit could not be
@@ -308,5 +314,5 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:
-    """Return a grasp name that is not taken yet: "grasp" if it is free, and otherwise "grasp2", "grasp3" and so on."""
+    """Return an unused name for a grasp: "grasp" if it is free, and otherwise "grasp2", "grasp3" and so on."""
     return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

@@ -1,4 +1,4 @@
-"""Rulers that the review page draws around the object, and HTML texts for its panel."""
+"""Rulers that the review page draws around the object, and the HTML of its panel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HULL_COLORS = (
 
 
 def ruler(size: Vector) -> np.ndarray:
-    """Return the lines of a ruler for a bounding box on the plane z = 0, as (n, 2, 3) segments [m].
+    """Return the lines of a ruler in the plane z = 0 for a bounding box, as (n, 2, 3) segments [m].
 
     The ruler has a tick at every centimeter, and every fifth tick is longer. The ticks are at the front edges of the
     box, which face +x and -y.
@@ -131,7 +131,7 @@ def _at_hand(desk: ReviewDesk) -> str:
 
 
 def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
-    """Describe the stated width of a grasp and the gripper opening that the grasp requires."""
+    """Describe the declared width of a grasp, and the gripper opening that it requires."""
     stated, jaw = f"{1000 * grasp.width_m:.0f} mm wide", gripper_opening_m()
     solid = desk.solid
     needed = None if solid is None else needed_opening_m(solid, grasp)

@@ -326,7 +326,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
             self._gripper[name].position, self._gripper[name].wxyz = pose.position, pose.quaternion
 
     def _play(self, tryout: Tryout, stopped: threading.Event) -> None:
-        """Play the motion of a simulated test in real time. Frames that are late are skipped."""
+        """Play the motion of a simulated test in real time. Late frames are skipped."""
         if self._visual is None:
             return
         self._turn.visible = self._frame.visible = False
@@ -371,7 +371,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
 def _closer(pose: Pose, opened_m: float) -> Pose:
     """Return the pose of a gripper finger when the gripper is opened by ``opened_m`` [m].
 
-    The given pose is that of the fully open gripper. The fingers move along the y axis.
+    ``pose`` is the finger's pose when the gripper is fully open. The fingers move along the y axis.
     """
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)

@@ -1,4 +1,4 @@
-"""HTML for the parts of the panel that reviews of objects and reviews of scenes have in common."""
+"""HTML for the parts of the panel that object reviews and scene reviews share."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def panel_head(
         author: Name of the reviewer.
         index: Index of the current object or scene in the queue.
         judged: Number of objects or scenes that have a verdict.
-        total: Length of the queue.
+        total: Number of objects or scenes in the queue.
     """
     badge = ""
     if verdict is not None:
@@ -98,7 +98,7 @@ def decision_sign(decision: object) -> str:
 
 
 def queue_list(names: Sequence[str], verdicts: Sequence[Verdict | None], index: int) -> str:
-    """Return a section of the review queue around the current object or scene, as an HTML list."""
+    """Return the part of the review queue around the current object or scene, as an HTML list."""
     first = max(0, min(index - QUEUE_ROWS // 2, len(names) - QUEUE_ROWS))
     rows = ""
     for k, (name, verdict) in enumerate(islice(zip(names, verdicts, strict=True), first, first + QUEUE_ROWS), first):

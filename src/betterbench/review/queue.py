@@ -30,8 +30,8 @@ class QueuedObject:
         path: Mesh file of the object.
         content: Hash of the mesh file and of all files that it refers to.
         states: The object as it was imported, followed by its state after each change. Empty before the import.
-        problem: Why the object could not be imported. Empty if it could.
-        wishes: Options with which the mesh file is imported.
+        problem: Reason why the import failed. Empty if it did not fail.
+        wishes: Options for importing the mesh file.
         stored: Whether the file is an already imported asset in an asset folder.
     """
 
@@ -103,7 +103,7 @@ def mesh_files(given: Sequence[Path]) -> list[Path]:
 
 
 def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> list[QueuedObject]:
-    """Return the review queue for files and folders. Files with the same content count as one object.
+    """Return the review queue for files and folders. Files with the same content are treated as one object.
 
     Args:
         given: Files and folders. If there are none, the registered files are reviewed.
@@ -132,16 +132,16 @@ def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
             queue.setdefault(asset.sha256, QueuedObject(folder / asset.file, asset.sha256, [], stored=True))
     if not queue:
         raise InvalidInputError(
-            "review assets", "the folders contain no assets", "Import assets with: better assets import"
+            "review assets", "the folders contain no assets", "Import assets with `better assets import`"
         )
     return list(queue.values())
 
 
 def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], dict[str, str]]:
-    """Write the accepted assets of a folder to a new folder, and apply the changes made in a review to them.
+    """Copy the accepted assets of a folder to a new folder, and apply the changes made in a review to the copies.
 
     Returns:
-        The names of the written assets, and the reason for the rejection of each rejected asset, keyed by its name.
+        The names of the written assets, and the reason why each rejected asset was rejected, keyed by asset name.
 
     Raises:
         RecordError: If the review file cannot be read.
@@ -155,7 +155,7 @@ def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], 
         if verdict is None:
             problem = f"it has {len(history.changes)} changes and no verdict"
             raise InvalidInputError(
-                name, problem, "Run better review assets --asset-dir, and accept or reject the asset"
+                name, problem, "Run `better review assets --asset-dir`, and accept or reject the asset"
             )
         if verdict.verdict == "reject":
             rejected[name] = verdict.reason

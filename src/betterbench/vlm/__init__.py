@@ -1,11 +1,11 @@
 """Static evaluation of vision-language models on published benchmarks, and on question sets made from recorded trials.
 
-- ``items``: the items of a benchmark, whose images are loaded on demand. ``pictures``: reading of images from files and
+- ``items``: the items of a benchmark, whose images are loaded on demand. ``pictures`` reads images from files and
   tables.
 - ``benchmarks``: one file per benchmark, which reads its data in all published formats. ``rows`` reads the files.
 - ``prompts``: prompts, stored as data and chosen by an identifier.
-- ``scoring``: scores that count every item. ``official``: reproductions of the scorers of the benchmarks' authors and
-  of other programs, including their faults.
+- ``scoring``: scores in which every item counts, even if it has no answer. ``official``: reproductions of the scorers
+  of the benchmarks' authors and of other programs, including their faults.
 - ``models``: image resolutions, and models that run in this process.
 - ``running``: a run of a model over a benchmark, which can be resumed. ``fetching`` downloads the data.
 - ``steps``: comparison of finished runs (``stored``). ``eyesight``: the smallest object size that a model can

@@ -60,5 +60,8 @@ def completeness_of(benchmark: Benchmark, items: ItemSet) -> Completeness:
 
 
 def _plain(name: str) -> str:
-    """Return the first word of a group's name in lower case, because mirrors write "Daily life" or "daily_life"."""
+    """Return the first word of a group's name in lower case.
+
+    Copies of the data spell names as "Daily life" or "daily_life".
+    """
     return name.replace("_", " ").strip().lower().partition(" ")[0]

@@ -1,11 +1,12 @@
 """Eyesight of a model: the smallest object size at which it answers questions correctly.
 
-Eyesight is estimated from the answers of the model. The items of question sets from ``better vqa`` state the size of
-their objects in the image. A psychometric function is fitted to the scores of one run, and gives the size at which the
-model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to several
-runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all scores. In
-this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of the shown
-images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
+Eyesight is estimated from the answers of the model. Each item of a question set from ``better vqa`` contains the size
+of its object in the image. A psychometric function is fitted to the scores of one run, and yields the object size at
+which the model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to
+several runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all
+scores. In this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of
+the shown images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in
+pixels.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ LEAST_PX = 0.5
 
 
 def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
-    """Return the scores of all items that state the size of their object, for the fit of the eyesight threshold."""
+    """Return the scores of all items with a known object size, for fitting the eyesight threshold."""
     found = []
     for item, scored in zip(items.items, score.items, strict=True):
         size = item.size_px(eyes)
@@ -49,7 +50,7 @@ class Grouped(Protocol):
 
     @property
     def cluster(self) -> str:
-        """Name of the item's cluster. The scores of items in the same cluster depend on each other."""
+        """Name of the item's cluster. The scores of items in the same cluster are not independent."""
 
     @property
     def chance(self) -> float | None:
@@ -57,7 +58,7 @@ class Grouped(Protocol):
 
 
 def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
-    """Return the score of an item and the size of its object [pixel], for the fit of the eyesight threshold.
+    """Return the score of an item and the size of its object [pixel], for fitting the eyesight threshold.
 
     The kind of the item is its question type together with its family.
     """
@@ -66,7 +67,7 @@ def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
 
 
 def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
-    """Give all items of rare families the same kind as the other items of their question type.
+    """Assign all items of rare families to one kind per question type.
 
     The fit of the eyesight threshold estimates one parameter per kind, for which a rare family has too few items.
     """
@@ -81,7 +82,7 @@ def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
     Args:
         readings: Scores of items and sizes of their objects, from one run or from several runs with different image
             resolutions ("eyes").
-        purpose: Name of the estimate, from which the bootstrap's random seed is derived.
+        purpose: Name of the estimate. The random seed of the bootstrap is derived from it.
     """
     if not readings:
         return None
@@ -106,10 +107,10 @@ class EyesightComparison:
     Attributes:
         name: Name of the model, with all settings that the runs have in common.
         benchmark: Title of the benchmark.
-        scores: Mean score of the items that state an object size, keyed by eyes (image resolution).
+        scores: Mean score of the items with a known object size, keyed by eyes (image resolution).
         alone: Threshold fitted to each run alone, keyed by eyes.
-        one: Threshold fitted to all runs together. For each run except the first, it also contains the further loss,
-            i.e. the loss compared with the first run that the object sizes do not explain.
+        one: Threshold fitted to all runs together. For each run except the first, it also contains the part of the loss
+            (compared with the first run) that the object sizes do not explain.
     """
 
     name: str
@@ -120,7 +121,7 @@ class EyesightComparison:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Eyes (image resolutions) at which scores are significantly lower or higher than the object sizes explain."""
+        """Eyes (image resolutions) whose scores are significantly lower or higher than the object sizes predict."""
         return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property
@@ -160,7 +161,7 @@ class EyesightComparison:
 def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[Reading]]]) -> EyesightComparison | None:
     """Compare runs of one model with different image resolutions on the same items.
 
-    Returns None if no item states the size of its object.
+    Returns None if no item has a known object size.
 
     Args:
         name: Name of the model.

@@ -48,8 +48,8 @@ def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | Non
     Args:
         benchmark: The benchmark.
         folder: Folder for the data.
-        on_progress: Called with the number of bytes of the current file that are downloaded, and its size (0 if
-            unknown).
+        on_progress: Called with the number of bytes of the current file downloaded so far, and the size of the file (0
+            if unknown).
 
     Raises:
         InvalidInputError: If the hub cannot be reached, or a file does not have the expected hash. The message names

@@ -42,8 +42,8 @@ def static(
         benchmark: Name of the benchmark, as for ``better vlm``.
         data: Folder with the data of the benchmark. For better-vqa, it is a set written by ``better vqa``.
         prompt: Identifier of the prompt. If None, betterbench's own prompt for the benchmark is used.
-        coordinates: Coordinate convention in which the model gives points and boxes. If None, it is the convention of
-            the prompt.
+        coordinates: Coordinate convention of the points and boxes in the model's answers. If None, it is the convention
+            of the prompt.
         eyes: Resolution of the images.
     """
     chosen = find_benchmark(benchmark)
@@ -85,7 +85,7 @@ def _address(picture: bytes) -> str:
 def _metrics(chosen: Benchmark) -> list[Any]:
     """Return the metrics for inspect_ai: the mean, its clustered standard error, and the mean of each group.
 
-    Only the first two kinds of groups are included.
+    Only the groups of the first two kinds in ``chosen.groups`` are included.
     """
     return [mean(), stderr(cluster="cluster"), *(grouped(mean(), kind, all=False) for kind in chosen.groups[:2])]
 

@@ -30,7 +30,7 @@ AXIS, TRAINING = "axis", "training"
 
 @dataclass(frozen=True, slots=True)
 class Gold:
-    """Correct answer to an item, in one of several forms.
+    """Correct answer to an item: a text, a box or a target region. All other attributes are None.
 
     Attributes:
         text: The letter of the correct option, "Yes", "No", or the digits of a number.
@@ -80,8 +80,8 @@ class Item:
         options: Options to choose from, in the order of their letters.
         pictures: Names of the images, in order.
         groups: Name of the item's group for each kind of group, such as "left" for "relation".
-        cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster depend on
-            each other.
+        cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster are not
+            independent.
         width: Width of the image [pixel] if the answer is a box or points, and otherwise 0.
         height: Height of the image [pixel] if the answer is a box or points, and otherwise 0.
         words: Additional strings of the item that a prompt can insert, keyed by names such as "object" and "suffix".
@@ -126,10 +126,10 @@ class ItemSet:
         items: The items, in the order of the data.
         read: Function that returns the content of an image file, given the name of the image. The file has any format
             that Pillow reads.
-        files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
+        files: SHA-256 of each file that items were read from, keyed by file name. The hashes are part of the content
             hash.
-        reference: Success rates in percent with which each group is compared, such as the rate of guessing and that of
-            a classifier that does not see the image.
+        reference: Success rates in percent that each group is compared with, such as those of guessing and of a
+            classifier without access to the image.
         content: Content hash of the source, if the source defines one. If empty, the hash is computed from the items.
         twins: For each item about a variation, the identifier of its twin, i.e. of the same question about the training
             scene.
@@ -148,7 +148,7 @@ class ItemSet:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if there are no items, or if two items have the same identifier."""
         if not self.items:
-            raise InvalidInputError(self.benchmark, "has no items", "Pass the folder that contains its data")
+            raise InvalidInputError(self.benchmark, "it has no items", "Pass the folder that contains its data")
         seen = set[str]()
         for item in self.items:
             if item.id in seen:
@@ -182,7 +182,7 @@ class ItemSet:
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
         """Return the target region in a mask image, as a boolean array (rows, columns).
 
-        The region consists of the pixels whose value is above ``above``.
+        The region consists of the pixels with a value above ``above``.
         """
         with self._lock:
             found = self._masks.pop((name, above), None)

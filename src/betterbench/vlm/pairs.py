@@ -27,7 +27,7 @@ def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequ
     Args:
         pairs: First and second score of each pair, each between 0 and 1.
         clusters: Name of the cluster of each pair.
-        purpose: Name of the comparison, from which the bootstrap's random seed is derived.
+        purpose: Name of the comparison. The random seed of the bootstrap is derived from it.
     """
     generator = stream("static steps", 0, f"bootstrap:{purpose}")
     if _is_binary(pairs):
@@ -39,7 +39,7 @@ def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequ
 
 
 def paired_p(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> tuple[float, str]:
-    """Return the p-value of a paired test that accounts for clusters of dependent items, and the name of the test."""
+    """Return the p-value and the name of a paired test that accounts for clusters of dependent items."""
     if len(set(clusters)) == len(clusters) and _is_binary(pairs):
         return mcnemar_p(PairedTable.from_outcomes((a == 1, b == 1) for a, b in pairs)), "McNemar, exact"
     sums: dict[str, Fraction] = defaultdict(Fraction)

@@ -1,4 +1,4 @@
-"""Reading of untrusted images from folders, tables, JSON and videos, including image sizes and target regions."""
+"""Read untrusted images, image sizes and target regions from folders, tables, JSON and videos."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def size_of(data: bytes, where: str) -> tuple[int, int]:
     except NOT_A_PICTURE as error:
         raise not_a_picture(where, error) from error
     if width * height > MOST_PIXELS:
-        raise InvalidInputError(where, f"has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
+        raise InvalidInputError(where, f"it has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
     return width, height
 
 
@@ -53,9 +53,9 @@ def not_a_picture(where: str, error: Exception) -> InvalidInputError:
 def require_whole(data: bytes, where: str) -> None:
     """Raise InvalidInputError if an image is too large, truncated, or cannot be decoded.
 
-    Decoding takes most of the processor time of a request, so this function does not decode images at full size. It
-    only verifies the checksums of a PNG file, which takes 0.1 ms instead of 9 ms for 640 x 480 pixels. It decodes a
-    whole JPEG file, but at an eighth of its size, which takes 0.6 ms instead of 1.1 ms.
+    Decoding takes most of the processor time of a request, so this function does not decode images at full size. For a
+    PNG file, it only verifies the checksums (0.1 ms instead of 9 ms for 640 x 480 pixels). A JPEG file is decoded
+    completely, but at an eighth of its size (0.6 ms instead of 1.1 ms).
     """
     size_of(data, where)
     try:
@@ -87,7 +87,7 @@ def sendable(data: bytes, where: str) -> bytes:
             frames = getattr(image, "n_frames", 1)
             if frames != 1:
                 raise InvalidInputError(
-                    where, f"has {frames} frames, expected one image", "Use files with a single image"
+                    where, f"it has {frames} frames, expected one image", "Use files with a single image"
                 )
             plain = image if image.mode in _OF_PNG else image.convert("RGB")
             file = io.BytesIO()
@@ -98,7 +98,7 @@ def sendable(data: bytes, where: str) -> bytes:
 
 
 def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
-    """Return a boolean array (rows, columns) of the pixels whose first channel is above ``above``."""
+    """Return a boolean array (rows, columns) of the pixels with a value above ``above`` in the first channel."""
     size_of(data, where)
     try:
         with Image.open(io.BytesIO(data)) as image:
@@ -123,7 +123,7 @@ def file_in(folder: Path, place: str, *, where: str) -> Path:
     require_inside(path, folder)
     if not path.is_file():
         raise InvalidInputError(
-            where, f"refers to {one_line(place, most=120)}, which is missing", f"Put it into {folder}"
+            where, f"it refers to {one_line(place, most=120)}, which is missing", f"Put it into {folder}"
         )
     return path
 
@@ -152,4 +152,4 @@ def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON 
         except (binascii.Error, ValueError) as error:
             problem = f"is not base64 ({one_line(error)})"
             raise InvalidInputError(where, problem, "Store the image as base64 or bytes") from error
-    raise InvalidInputError(where, "contains no image", "Store the image as base64, bytes, or a struct with bytes")
+    raise InvalidInputError(where, "it contains no image", "Store the image as base64, bytes, or a struct with bytes")

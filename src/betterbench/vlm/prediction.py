@@ -1,8 +1,8 @@
-"""Test of whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
+"""Test whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
 
 The illusion gap is the drop in a policy's success rate when the scene changes. The paper uses static evaluation of the
-policy's model as a proxy for how well the policy understands scenes. If this is valid, a policy whose model has a
-higher static score, or a smaller static illusion gap, has a smaller illusion gap in simulation.
+policy's model as a proxy for how well the policy understands scenes. If this is valid, policies with a higher static
+score or a smaller static illusion gap have a smaller illusion gap in simulation.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class PolicyPoint:
     Attributes:
         name: Name of the policy.
         score: Headline number of the static benchmark, as a fraction.
-        items: Number of items on which the score is based.
+        items: Number of items that the score is based on.
         static_gap: Static illusion gap (the drop in the static score when the scene changes), as a fraction. None if
             the run has no static illusion gap.
         gap: Illusion gap in simulation over all variations, as a fraction.
-        low: Lower end of the interval of ``gap``.
-        high: Upper end of the interval of ``gap``.
-        pairs: Number of pairs of trials (variation and training) on which the gap is based.
+        low: Lower end of the confidence interval of ``gap``.
+        high: Upper end of the confidence interval of ``gap``.
+        pairs: Number of trial pairs (variation and training) that the gap is based on.
         training: Success rate in the training trials of the pairs.
         variation: Success rate in the variations of the pairs.
     """
@@ -116,7 +116,7 @@ def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> t
 
     Args:
         policies: Results of each policy.
-        alpha: Level of the tests, for both correlations together.
+        alpha: Significance level of the tests, for both correlations together.
 
     Raises:
         InvalidInputError: If there are fewer than two policies.
@@ -150,7 +150,7 @@ def prediction_table(
         policies: For each policy, its name, its run of ``better vlm``, and the diagnosis of its trials. If the name is
             None, the name in the diagnosis is used.
         column: Column of the scores: "strict", "parsed" or "extracted".
-        alpha: Level of the tests.
+        alpha: Significance level of the tests.
 
     Raises:
         RunConflictError: If the runs of ``better vlm`` are on different benchmarks, or two policies have the same name.
@@ -180,7 +180,7 @@ def _point(name: str, run: StoredRun, diagnosis: RunDiagnosis, column: str) -> P
     gap = diagnosis.metric("illusion_gap", "overall")
     if gap is None or gap.value is None or gap.low is None or gap.high is None:
         problem = "has no illusion gap, since it has no variation whose training condition was run with the same seed"
-        raise InvalidInputError(name, problem, "Run better eval on training conditions and variations")
+        raise InvalidInputError(name, problem, "Run `better eval` on training conditions and variations")
     rates = [diagnosis.metric(measure, "overall") for measure in ("twin_success_rate", "paired_success_rate")]
     training, variation = (None if metric is None else metric.value for metric in rates)
     static = run.static_gap(column)

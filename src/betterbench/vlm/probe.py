@@ -125,7 +125,7 @@ class Fit:
     Attributes:
         order: "xy" for column before row, "yx" for row before column.
         scale: "pixels", "fractions", "percent" or "thousandths".
-        fitting: Number of answers whose error is within the tolerance.
+        fitting: Number of answers with an error within the tolerance.
         error: Median error, as a fraction of the image side.
     """
 

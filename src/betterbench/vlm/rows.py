@@ -55,7 +55,7 @@ class Row:
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of the given names that is the name of a column.
+        """Return the first of the given names that is a column of the row.
 
         Raises InvalidInputError if the row has no column with any of the names.
         """
@@ -66,7 +66,7 @@ class Row:
         raise self.error(f"{names[0]}{other}", f"is missing. The row has {_listed(self.columns)}")
 
     def text(self, *names: str) -> str:
-        """Return the string in the first of the given columns that the row has. A number is converted to a string."""
+        """Return the string in the first of the given columns that exists. A number is converted to a string."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
@@ -74,7 +74,7 @@ class Row:
         return str(value)
 
     def text_or(self, otherwise: str, *names: str) -> str:
-        """Return the string in the first of the given columns that the row has.
+        """Return the string in the first of the given columns that exists.
 
         If the row has none of the columns or the cell is empty, return ``otherwise``.
         """
@@ -82,7 +82,7 @@ class Row:
         return otherwise if value is None or not str(value).strip() else str(value)
 
     def integer(self, *names: str) -> int:
-        """Return the integer in the first of the given columns that the row has. The integer must be at least 0."""
+        """Return the integer in the first of the given columns that exists. The integer must be at least 0."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, str) and value.strip().isascii() and value.strip().isdigit() and len(value) < 10:
@@ -94,7 +94,7 @@ class Row:
         return value
 
     def texts(self, *names: str) -> tuple[str, ...]:
-        """Return the list of strings in the first of the given columns that the row has."""
+        """Return the list of strings in the first of the given columns that exists."""
         name = self.named(*names)
         value = self.values.get(name)
         if not isinstance(value, list | tuple) or not value or not all(isinstance(v, str) and v.strip() for v in value):
@@ -132,7 +132,7 @@ def distinct(identifier: str, taken: set[str]) -> str:
 
 
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
-    """Return the data files in a folder and in its subfolders with usual names such as "data", sorted by path.
+    """Return the data files in a folder and in subfolders with common names such as "data", sorted by path.
 
     If a file is given, return only this file.
     """
@@ -178,11 +178,11 @@ def _parsed_rows(file: Path) -> list[Row]:
         else:
             forms = parse_json(raw)
     except ValueError as error:
-        raise InvalidInputError(str(file), f"is not JSON ({one_line(error)})", "Download the file again") from error
+        raise InvalidInputError(str(file), f"it is not JSON ({one_line(error)})", "Download the file again") from error
     if isinstance(forms, dict):  # some mirrors wrap the rows
         forms = next((v for v in forms.values() if isinstance(v, list)), forms)
     if not isinstance(forms, list) or not forms:
-        raise InvalidInputError(str(file), "is not a list of rows", "Use the published file")
+        raise InvalidInputError(str(file), "it is not a list of rows", "Use the published file")
     rows = []
     for number, form in enumerate(forms, start=1):
         if not isinstance(form, dict):

@@ -111,12 +111,12 @@ class StaticRun:
         extracted: Replies of the extractor, or None if there was no extractor.
         score: Scores of the run.
         upstream: Scores of upstream programs, if they were requested.
-        requests: Totals (such as numbers and tokens) of the requests to the model, including the coordinate probe.
+        requests: Totals over all requests to the model, such as their number and their tokens, including the coordinate
+            probe.
         extractor_requests: Totals of the requests to the extractor, or None if there was no extractor.
         completeness: Number of items in the data, compared with the published number.
         prices: Prices of the model's tokens, or None if they are not given.
-        eyesight: Smallest object size at which the model answers correctly. None if the items do not state object
-            sizes.
+        eyesight: Smallest object size at which the model answers correctly. None if the object sizes are unknown.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""Export of sample logs in the format of lmms-eval, for tools that read such logs.
+"""Export sample logs in the format of lmms-eval, for tools that read this format.
 
 The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf). A
 file ``MODEL/DATE_samples_TASK.jsonl`` has one line per sample, without the document. ``resps`` is omitted if it equals
@@ -40,7 +40,7 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
     """
     if not is_static_run(path):
         raise InvalidInputError(
-            str(path), "is not a run of better vlm", "Pass a folder that better vlm --out has written"
+            str(path), "it is not a run of better vlm", "Pass a folder that better vlm --out has written"
         )
     run = read_static_run(path)
     texts = read_stored_answers(path / ANSWERS_NAME).answers
@@ -49,7 +49,7 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
     model = re.sub(r"[\"<>:/|\\?*\[\]]+", "__", str(run.head["model"]))
     file = out / model / f"{date}_samples_{task}.jsonl"
     if file.exists() and not overwrite:
-        raise InvalidInputError(str(file), "already exists", "Use --overwrite or a different --out")
+        raise InvalidInputError(str(file), "it already exists", "Use --overwrite or a different --out")
     lines = [_sample(run, number, item, texts.get(item.id)) for number, item in enumerate(run.items.values())]
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())
@@ -59,7 +59,7 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
 def _sample(run: StoredRun, number: int, item: StoredItem, answer: ModelAnswer | None) -> dict[str, Any]:
     if item.prompt is None or item.target is None:
         cure = "Run better vlm again with the same options; answered items are not asked again"
-        raise RecordError(f"{run.path}: was written by an earlier version, without prompts. {cure}.")
+        raise RecordError(f"{run.path} was written by an earlier version, without prompts. {cure}.")
     document = {"benchmark": run.benchmark.name, "data": run.head["data"], "id": item.id}
     return {
         "doc_id": number,

@@ -47,7 +47,7 @@ class ItemScore:
 
     Attributes:
         value: Value that was read from the answer, or None (see :class:`~betterbench.vqa.parsing.Read`).
-        stage: Stage of parsing that has read the value.
+        stage: Stage of parsing in which the value was read.
         score: Score of the value, between 0 and 1.
         is_answered: Whether the model gave a reply.
         is_outside: Whether a point or box is partly outside the image. This suggests a different coordinate convention.
@@ -78,7 +78,7 @@ class Part:
         means: Mean score in each column.
         if_dropped: Mean score over the answered items only, for comparison with programs that drop failed items. None
             if no item was answered.
-        reference: Reference rates in percent, such as the rate of guessing.
+        reference: Reference rates in percent, such as the success rate of guessing.
     """
 
     kind: str
@@ -107,7 +107,7 @@ class StaticScore:
         headline: Headline number of the benchmark in each column.
         rule: Description of how the headline number is computed.
         changed: Number of items whose score the extractor changed.
-        outside: Number of items that were answered with a point or box that is partly outside the image.
+        outside: Number of items for which the answer has a point or box that is partly outside the image.
         items: Scores of the items, in order.
         gaps: Static illusion gaps. None if no question has a twin, i.e. the same question about the training scene.
     """

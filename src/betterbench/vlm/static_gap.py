@@ -36,7 +36,7 @@ class StaticGap:
             because its pairs are already tested in two other parts.
         test: Name of the test. Empty if there is no test.
         adjusted: ``p`` after Holm's correction over all parts with a test.
-        is_supported: Whether ``adjusted`` is below the level of the tests.
+        is_supported: Whether ``adjusted`` is below the significance level.
     """
 
     kind: Kind
@@ -86,7 +86,7 @@ def static_gaps(
     Args:
         items: Items and their twins.
         scores: Score of each item, in each column.
-        alpha: Level of the tests, for all tested parts together.
+        alpha: Significance level of the tests, for all tested parts together.
     """
     by_id = {item.id: item for item in items.items}
     pairs = [(by_id[twin], by_id[name]) for name, twin in items.twins.items()]

@@ -1,4 +1,4 @@
-"""Stepwise comparison of ``better vlm`` runs, in the layout of the paper's Table 3.
+"""Stepwise comparison of ``better vlm`` runs, in the layout of Table 3 in arXiv:2604.18000 ("the paper").
 
 A row is a model with its image resolution and prompt, and a column is a benchmark. Each row is compared with the row
 above it on the same items. A step between two rows is only supported if its paired test is significant after Holm's
@@ -41,7 +41,7 @@ class Cell:
 
     Attributes:
         value: Headline number of the benchmark, as a fraction.
-        n: Number of items on which the headline number is based.
+        n: Number of items that the headline number is based on.
         run: Folder of the run.
         parts: Mean score of each group that the paper's table shows as a column, keyed by the name of the group.
     """
@@ -69,12 +69,12 @@ class Step:
         lower: Name of the lower row.
         benchmark: Name of the benchmark.
         difference: Paired difference of the mean scores (upper minus lower row), as a fraction. It is based on the
-            items that the headline number counts.
+            items that are included in the headline number.
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all steps in the table.
         test: Name of the test.
         changed: Settings that differ between the two runs.
-        is_supported: Whether the adjusted p-value is below the level of the tests.
+        is_supported: Whether the adjusted p-value is below the significance level.
     """
 
     upper: str
@@ -124,7 +124,7 @@ class GroupStep:
         difference: Paired difference of the mean scores (upper minus lower row), as a fraction.
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all groups of this kind in the table.
-        is_supported: Whether the adjusted p-value is below the level of the tests.
+        is_supported: Whether the adjusted p-value is below the significance level.
         explained_by: Smaller groups that explain the difference. Each of them has a supported difference, and without
             their items, the difference of this group is not significant.
     """
@@ -152,11 +152,11 @@ class StepTable:
 
     Attributes:
         column: Column of the scores: "strict", "parsed" or "extracted".
-        alpha: Level of the tests.
+        alpha: Significance level of the tests.
         warnings: Differences between runs that limit the comparison.
         groups: Steps on each group of questions.
         eyesight: Comparisons between runs of one model that differ only in image resolution ("eyes"), for benchmarks
-            that state object sizes.
+            with known object sizes.
     """
 
     column: str
@@ -189,10 +189,10 @@ def step_table(
 
     Args:
         paths: Folders of the runs, in the order of the rows. Runs with the same name are in one row.
-        names: Name of the row of each run. If empty, the name consists of the model, its image resolution and number of
-            tiles, and also of the prompt if runs differ only in the prompt.
+        names: Label of the table row for each run. If empty, the label consists of the model, its image resolution and
+            number of tiles, and also of the prompt if runs differ only in the prompt.
         column: Column of the scores: "strict", "parsed" or "extracted".
-        alpha: Level of the tests.
+        alpha: Significance level of the tests.
 
     Raises:
         InvalidInputError: If the number of names differs from the number of runs.
@@ -222,7 +222,7 @@ def step_table(
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the name of the row of each run.
+    """Return the label of the table row for each run.
 
     The name consists of the model, the image resolution and the number of tiles. If runs differ only in the prompt, it
     also contains the prompt.
@@ -292,7 +292,10 @@ def _step(upper: str, lower: str, above: StoredRun, below: StoredRun, column: st
 def _group_steps(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str, alpha: float
 ) -> tuple[GroupStep, ...]:
-    """Return the steps on all groups of questions. The p-values are corrected over all groups of the same kind."""
+    """Return the changes in score from each row of the table to the next, for all groups of questions.
+
+    The p-values are corrected over all groups of the same kind.
+    """
     found: dict[str, list[GroupStep]] = defaultdict(list)
     for (upper, above), (lower, below) in pairwise(rows.items()):
         for benchmark in benchmarks:
@@ -309,7 +312,7 @@ def _group_steps(
 def _explained(
     step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
 ) -> GroupStep:
-    """Add the smaller groups that explain a step, such as the relation on which a question type's score drops."""
+    """Add to a step the smaller groups that explain it, such as the one relation for which the score drops."""
     same = (step.upper, step.lower, step.benchmark)
     smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
     if not step.is_supported or not smaller:
@@ -327,7 +330,10 @@ def _explained(
 
 
 def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun, column: str) -> Iterator[GroupStep]:
-    """Yield the step on each group of questions, with an uncorrected p-value. Kinds with one group are left out."""
+    """Yield the change in score between two runs for each group of questions, with an uncorrected p-value.
+
+    Kinds of groups that have only one group are left out.
+    """
     title, second = above.benchmark.title, below.items
     for kind in above.benchmark.groups:
         groups: dict[str, list[StoredItem]] = defaultdict(list)
@@ -370,7 +376,7 @@ def _eyes(run: StoredRun) -> str:
 
 
 def _readings(run: StoredRun, eyes: str, column: str) -> list[Reading]:
-    """Return the scores of all items in a run that state an object size, for the fit of the eyesight threshold."""
+    """Return the scores of all items in a run that have a known object size, for fitting the eyesight threshold."""
     return with_common_kinds(
         [reading(i.size_px, float(i.score_in(column)), i, eyes) for i in run.items.values() if i.size_px is not None]
     )

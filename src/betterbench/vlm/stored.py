@@ -18,7 +18,7 @@ from betterbench.vlm.scoring import COLUMNS, score_in_column
 from betterbench.vqa.parsing import Stage
 
 _MAX_BYTES = 1 << 28
-_CURE = "Run better vlm again with the same --out; answered items are not asked again"
+_CURE = "Run `better vlm` again with the same --out. Items that already have an answer are not repeated"
 
 
 @open_form
@@ -28,10 +28,10 @@ class StoredItem:
 
     Attributes:
         score: Exact score of the value, such as "0", "1" or "2/3".
-        stage: Stage of parsing that has read the value.
+        stage: Stage of parsing in which the value was read.
         groups: Name of the item's group for each kind of group.
-        cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster depend on
-            each other.
+        cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster are not
+            independent.
         size_px: Size of the smallest object that the question is about, at the resolution of the run [pixel]. None if
             unknown.
         chance: Probability of guessing the answer, or None if unknown.
@@ -62,7 +62,7 @@ class StoredRun:
 
     Attributes:
         path: Folder of the run.
-        head: Settings and results of the run.
+        head: Settings and overall results of the run.
         items: Score of each item, in the order of the data.
         headline: Headline number of the benchmark in each column, as a fraction.
     """
@@ -74,7 +74,7 @@ class StoredRun:
 
     @property
     def benchmark(self) -> Benchmark:
-        """Benchmark on which the model was evaluated."""
+        """Benchmark that the model was evaluated on."""
         return find_benchmark(str(self.head["benchmark"]))
 
     def static_gap(self, column: str) -> float | None:
@@ -88,10 +88,10 @@ class StoredRun:
         try:
             return float(told["by_column"][column][0]["difference"]["value"])
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no {error}. {_CURE}.") from error
+            raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no entry {error}. {_CURE}.") from error
 
     def counted(self) -> tuple[StoredItem, ...]:
-        """Return the items on which the headline number of the benchmark is based."""
+        """Return the items that the headline number of the benchmark is based on."""
         rule = self.benchmark.headline
         if rule.rule == "micro":
             return tuple(self.items.values())
@@ -133,7 +133,7 @@ def read_static_run(path: Path) -> StoredRun:
         headline = {column: float(result["headline"][column]) for column in COLUMNS}
         head = {name: result[name] for name in ("benchmark", "data", "model", "prompt", "coordinates")}
     except (KeyError, TypeError, ValueError) as error:
-        raise RecordError(f"{file}: has no {error}. {_CURE}.") from error
+        raise RecordError(f"{file} has no entry {error}. {_CURE}.") from error
     return StoredRun(path, {**result, **head}, items, headline)
 
 

@@ -1,4 +1,4 @@
-"""Extraction of single frames from a video, by frame number."""
+"""Extract single frames from a video, by frame number."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from betterbench.errors import InvalidInputError, one_line
 def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
     """Return the frames with the given numbers from a video as PNG files, in the order of the numbers.
 
-    The video is decoded from the start, so that frame numbers are exact. A number beyond the end of the video gives its
-    last frame.
+    The video is decoded from the start, so that frame numbers are exact. For a number beyond the end of the video, the
+    last frame is returned.
 
     Raises:
         InvalidInputError: If the video is empty or cannot be decoded.
@@ -32,10 +32,10 @@ def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
                 if number >= max(numbers):
                     break
         if last is None:
-            raise InvalidInputError(str(video), "has no frames", "Download it again")
+            raise InvalidInputError(str(video), "it has no frames", "Download it again")
         return tuple(found[n] if n in found else _png(last) for n in numbers)
     except (OSError, av.FFmpegError, IndexError) as error:
-        raise InvalidInputError(str(video), f"cannot be decoded ({one_line(error)})", "Download it again") from error
+        raise InvalidInputError(str(video), f"it cannot be decoded ({one_line(error)})", "Download it again") from error
 
 
 def _png(frame: av.VideoFrame) -> bytes:

@@ -44,7 +44,7 @@ class SlotPlace:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SlotChange:
-    """Change in which a slot (the start position of an object) was moved."""
+    """Move of a slot (the start position of an object) in a review."""
 
     slot: _Name
     before: SlotPlace
@@ -55,7 +55,7 @@ class SlotChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameChange:
-    """Change in which a placement frame of an asset was moved. The poses are in the frame of the object."""
+    """Move of an asset's placement frame in a review. The poses are in the frame of the object."""
 
     asset: _Name
     before: Region
@@ -77,7 +77,7 @@ class SceneReview:
     Attributes:
         author: Name of the person.
         time: Time of the decision (UTC, ISO 8601).
-        content: Hash of the task without changes (:func:`~betterbench.review.scenes.forms.task_content`).
+        content: Hash of the task before any changes (:func:`~betterbench.review.scenes.forms.task_content`).
         task: Name of the task.
         condition: Name of the condition (training or variation) whose scene was reviewed.
         scene: Hash of the scene before the decision (:func:`~betterbench.review.scenes.forms.scene_content`).
@@ -98,7 +98,10 @@ class SceneReview:
         return f"{self.task}/{self.condition}"
 
     def misfit(self, changes: int) -> str:
-        """Check that a verdict matches the number of changes to the scene's task: "fix" requires at least one."""
+        """Check that a "fix" verdict comes with at least one change to the scene's task.
+
+        Return the problem, or "" if there is none.
+        """
         if isinstance(self.decision, Verdict) and self.decision.verdict == "fix" and not changes:
             return f"'fix' without a change of {self.subject}, expected 'accept'"
         return ""
@@ -125,7 +128,9 @@ def read_scene_reviews(path: Path) -> tuple[SceneReview, ...]:
 
 
 def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | None:
-    """Return the last verdict on a condition, or None if there is none or the scene has changed since the verdict.
+    """Return the last verdict on a condition.
+
+    None if there is no verdict, or if the scene has changed since the verdict.
 
     Args:
         history: Decisions about the task.
@@ -140,7 +145,7 @@ def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | N
 
 
 def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and the last verdict of each judged scene, keyed by the hash of its task and by its condition."""
+    """Return the name and the last verdict of each judged scene, keyed by task hash and condition."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for content, history in histories(reviews, where).items():
         for _, review in history.reviews:
@@ -150,7 +155,7 @@ def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str,
 
 
 def said(change: SceneChange) -> str:
-    """Describe a change to a scene by a short phrase."""
+    """Describe a change to a scene in a short phrase."""
     if isinstance(change, FrameChange):
         return f"frame {change.after.name} of {change.asset} moved"
     a, b = change.before, change.after

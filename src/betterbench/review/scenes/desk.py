@@ -1,6 +1,6 @@
 """State of one person's review of scenes. The browser page is in a different module.
 
-It consists of the current scene, the edit in progress, and the decisions.
+The state consists of the current scene, the edit in progress, and the decisions.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     The gizmo can move a slot (the start position of an object) or a placement frame (``MODES``).
 
     Attributes:
-        movable: Names of the assets in folders of imported assets. Only their placement frames can be moved.
+        movable: Names of the assets that come from a folder of imported assets. Only the placement frames of these
+            assets can be moved.
         seed: Seed of the trial that is shown for the current scene.
         certified: Result of certifying the current scene, or None if it was not certified yet.
     """
@@ -119,7 +120,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """Placement frames of all objects on or in which the task places others, with the edit in progress applied."""
+        """Placement frames of all objects that hold other objects in the task. The edit in progress is applied."""
         if self.scene is None:
             return ()
         edit = self.edit

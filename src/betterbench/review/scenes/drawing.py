@@ -1,4 +1,4 @@
-"""Texts for the panel of the page on which scenes are reviewed."""
+"""HTML for the panel of the page for reviewing scenes."""
 
 from __future__ import annotations
 

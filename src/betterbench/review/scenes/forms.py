@@ -1,4 +1,4 @@
-"""Functions that apply the changes of a review to the JSON form of a task. They do not modify their arguments."""
+"""Functions that apply the changes made in a review to the JSON form of a task. They do not modify their arguments."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "
     If the change moved a placement frame, the JSON form stays the same, since the frame is stored in an asset.
 
     Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
-            moved it.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position that the reviewer moved it
+            from.
     """
     new: dict[str, Any] = copy.deepcopy(dict(form))
     if isinstance(change, FrameChange):
@@ -84,8 +84,8 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
     The same form and the same changes always give the same result.
 
     Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
-            moved it.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position that the reviewer moved it
+            from.
     """
     new = dict(form)
     for change in changes:
@@ -96,7 +96,7 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
 
 
 def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]:
-    """Return the final pose of each placement frame that was moved, keyed by the names of the asset and the frame."""
+    """Return the final pose of each placement frame that was moved, keyed by asset name and frame name."""
     found: dict[str, dict[str, Region]] = {}
     for change in changes:
         if isinstance(change, FrameChange):
@@ -105,6 +105,6 @@ def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]
 
 
 def is_same_frame(a: Region, b: Region) -> bool:
-    """Return whether two placement frames are equal, up to rounding errors of numbers in files."""
+    """Return whether two placement frames are equal, apart from rounding errors."""
     apart = max(distance(a.position, b.position), distance(a.half_size, b.half_size))
     return a.name == b.name and apart < 1e-5 and angle_between(a.quaternion, b.quaternion) < 1e-4

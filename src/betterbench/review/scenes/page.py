@@ -200,7 +200,10 @@ class ScenePage(CommandPage[SceneDesk]):
             self._gizmo.position, self._gizmo.wxyz = target.position, target.quaternion
 
     def _mark_slots(self) -> Pose | None:
-        """Mark each slot by a square as large as the jitter of its position. Return the pose of the selected slot."""
+        """Mark each slot by a square that covers all positions the slot's jitter allows.
+
+        Return the pose of the selected slot.
+        """
         desk, chosen = self._desk, self._desk.slot
         for k, slot in enumerate(desk.slots):
             is_chosen = chosen is not None and slot.name == chosen.name

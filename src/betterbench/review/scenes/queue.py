@@ -87,9 +87,9 @@ def condition_of(task: Task, name: str) -> Condition:
 
 
 def support_of(task: Task, name: str) -> Support:
-    """Return the support that a task declares for a condition (training or variation).
+    """Return the support ("seen" or "novel") that a task declares for a condition (training or variation).
 
-    The support states whether the poses in the condition occur in training (seen) or not (novel).
+    The support is "seen" if the poses in the condition occur in training, and "novel" otherwise.
     """
     return next((v.support for v in task.variations if v.name == name), Support.SEEN)
 

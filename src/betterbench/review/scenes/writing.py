@@ -1,4 +1,4 @@
-"""Writing of reviewed tasks to new files: slots are moved as in the review, and rejected variations are left out."""
+"""Write reviewed tasks to new files. Slots are moved as in the review, and rejected variations are left out."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ReviewedForm:
     Attributes:
         form: JSON form with all changes applied, and without rejected variations.
         rejected: Reason for each rejected variation, keyed by its name.
-        moved: Whether a slot was moved. Demonstrations must then be measured again.
+        moved: Whether a slot was moved. If so, the demonstrations must be measured again.
         changes: All changes that were not undone.
     """
 
@@ -83,8 +83,8 @@ def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
 
     Raises:
         RecordError: If the review file cannot be read.
-        InvalidInputError: If a condition has no valid verdict, a training condition was rejected, or a task has changed
-            since its review.
+        InvalidInputError: If a condition has no valid verdict, if a training condition was rejected, or if a task has
+            changed since its review.
         UnknownNameError: If a task is not loaded.
     """
     reviews = read_scene_reviews(path)
@@ -120,13 +120,15 @@ def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[P
 
 
 def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path], out: Path) -> list[Path]:
-    """Copy each asset folder to a new folder of the same name, with the placement frames that a review has moved.
+    """Copy each asset folder to a new folder of the same name.
+
+    Placement frames that were moved in a review get their new poses.
 
     Returns:
         The paths of the new folders.
 
     Raises:
-        InvalidInputError: If an asset whose frames were moved is in none of the folders, or two folders have the same
+        InvalidInputError: If an asset with moved frames is not in any of the folders, or if two folders have the same
             name.
     """
     moves: dict[str, dict[tuple[str, str], RegionChange]] = {}

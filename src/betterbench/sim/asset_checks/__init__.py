@@ -1,10 +1,10 @@
-"""Asset certificate: checks that every imported or generated asset should pass before it is used in a task.
+"""Asset certificate: checks that an imported or generated asset should pass before a task uses it.
 
 - ``certificate``: runs all checks on one asset. ``result``: the results and their JSON form.
 - ``check``, ``subject``: the registry of checks, and the measurements that several checks share.
 - ``checks``: the checks, one topic per file: license, surfaces, size, upright, mass, collision, lying, holding,
   lifting.
-- ``rest``, ``lift``: simulations of one asset, which rests on a table or is lifted by a gripper.
+- ``rest``, ``lift``: simulations of an asset that rests on a table or is lifted by a gripper.
 - ``limits``: all limits, each with its unit and a reason.
 """
 

@@ -16,8 +16,8 @@ def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = 
     Args:
         asset: The asset, from a generator or a mesh file.
         name: Name of the asset in the certificate. If None, it is the asset's identity, such as "mug-red#3".
-        kind: Kind of object, which determines the limits for size, mass and pose. If None, it is the kind that the
-            asset declares. If the asset declares none, checks that need a kind do not apply.
+        kind: Kind of object, which determines the limits for size, mass and pose. If None, the kind declared by the
+            asset is used. If the asset declares no kind, checks that need one do not apply.
     """
     judged = kind or kind_of(str(asset.parameters.get("kind", "")))
     subject = Subject(asset, judged)

@@ -19,7 +19,7 @@ class Finding:
     """Finding of a check on one asset.
 
     Attributes:
-        measured: Measured value, or None if the check measures no value.
+        measured: Measured value, or None if the check does not measure a value.
         limit: Limit for the measured value, or None if the check measures no value.
         unit: Unit of ``measured`` and ``limit``.
         fails: Whether the asset fails the check. None if the check does not apply.
@@ -74,12 +74,15 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not exceed a limit. NaN and infinite values fail."""
+    """Return the finding for a value that must not exceed a limit. A value that is NaN or infinite fails the check."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 
 def at_least(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not fall below a limit. NaN and infinite values fail."""
+    """Return the finding for a value that must not fall below a limit.
+
+    A value that is NaN or infinite fails the check.
+    """
     return Finding(measured, limit, unit, not measured >= limit, said, cure)
 
 

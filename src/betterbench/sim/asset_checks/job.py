@@ -73,8 +73,8 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
     A registered asset is given by its category ("mug"), or by category, color and variant number ("mug-red#3").
 
     Raises:
-        InvalidInputError: If nothing is given, if a folder has no mesh file, or if one name, size or mass is given for
-            several assets.
+        InvalidInputError: If nothing is given, if a folder has no mesh file, or if a single name, size or mass is given
+            for several assets.
     """
     if not given:
         raise InvalidInputError(
@@ -138,7 +138,7 @@ def certify_target(target: Target) -> AssetCertificate:
 
 
 class CertificateJournal(LineJournal):
-    """Certificates in the file ``certificates.jsonl``, which are looked up by the key of the certified target."""
+    """The file ``certificates.jsonl``, in which certificates can be looked up by the key of the certified target."""
 
     def _take_in(self, lines: list[bytes]) -> None:
         self.found: dict[str, AssetCertificate] = {}
@@ -158,7 +158,7 @@ def certify_targets(
 ) -> list[AssetCertificate]:
     """Certify assets in the given order.
 
-    If an output folder is given and the function is interrupted, the same call resumes where it stopped.
+    If an output folder is given, calling the function again after an interruption resumes the job where it stopped.
     """
     keys = {target: target.key() for target in targets}
 

@@ -96,9 +96,9 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
 
 
 def _slip(before: Pose, after: Pose) -> float:
-    """Return how far the asset has moved at the point between the gripper pads [m].
+    """Return how far the point of the asset between the gripper pads has moved [m].
 
-    A rotation of the asset about this point does not count as movement.
+    Rotations of the asset about this point are ignored.
     """
     between = before.inverse().position
     return math.dist(before.apply(between), after.apply(between))

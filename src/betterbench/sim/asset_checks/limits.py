@@ -1,7 +1,7 @@
 """Limits of the asset certificate, each with its unit and its reason.
 
-"Measured" refers to the good and bad meshes that ``tools/planted_assets.py --seed 0`` makes, and to the procedural
-library. After a change to a limit, measure the error rates again (docs/asset-certificate.md).
+Where a reason says "measured", it refers to the good and bad meshes that ``tools/planted_assets.py --seed 0`` makes,
+and to the procedural library. After a change to a limit, measure the error rates again (docs/asset-certificate.md).
 """
 
 from betterbench.sim.assets.importing.kinds import kinds

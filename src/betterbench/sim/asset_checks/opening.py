@@ -1,4 +1,4 @@
-"""Jaw opening that a grasp needs, measured on the grid of cells that the visible shape occupies."""
+"""Required jaw opening for a grasp, measured on the grid cells that the visible shape occupies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulation of one asset that settles on a table, to find its pose at rest and how much it still moves."""
+"""Simulate how one asset settles on a table, to find its pose at rest and how much it still moves there."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Rest:
 
 
 def settled(asset: Asset) -> Rest:
-    """Simulate an asset that settles from just above the table, and measure how it moves."""
+    """Release an asset just above a table in simulation, let it settle, and measure how much it still moves."""
     spec = table_model()
     add_asset(spec, "asset", asset)
     model = spec.compile()

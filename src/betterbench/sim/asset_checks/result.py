@@ -1,4 +1,4 @@
-"""Results of the asset certificate for each check and each asset, which can be stored as JSON."""
+"""The results of single checks and the certificates of assets. Both can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class AssetCertificate:
 
     Attributes:
         asset: Name or file of the asset.
-        content_hash: Hash of everything in the asset that affects physics or images.
+        content_hash: Hash of all properties of the asset that affect physics or images.
         kind: Kind of object that determined the limits for size, mass and pose, or None if unknown.
         source: Where the asset comes from.
         license: License of the asset.

@@ -22,7 +22,7 @@ from betterbench.sim.assets.importing.solid import Solid, solid_of
 
 
 class Subject:
-    """Asset that is being checked, and its kind. Each measurement is computed when a check first needs it."""
+    """Asset that is being checked, and its kind. Each measurement is computed the first time a check needs it."""
 
     def __init__(self, asset: Asset, kind: Kind | None) -> None:
         self.asset, self.kind = asset, kind
@@ -69,7 +69,7 @@ class Subject:
 
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
-        """Hollow that remains between the collision parts, or None if they leave no hollow open."""
+        """The hollow that the collision parts leave open, or None if they leave none open."""
         return cavity_of(surface_solid(self.hulls), with_seams=True)
 
     @functools.cached_property
@@ -80,7 +80,7 @@ class Subject:
 
     @property
     def inside_limit_m(self) -> float:
-        """Maximum distance from the collision parts at which the visible surface still passes the checks [m]."""
+        """Maximum allowed distance of the visible surface from the collision parts [m]."""
         return max(0.001 * INSIDE_MM, INSIDE_SHARE * self.middle_m)
 
     @functools.cached_property

@@ -1,4 +1,4 @@
-"""Import of an object and simulated tests of its grasps, both of which run in the child process of the import."""
+"""Import an object and test its grasps in simulation. Both steps run in the child process of the import."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ which they were proposed."""
 
 
 def import_for_parent() -> None:
-    """Import the requested objects and test their grasps. This is the main function of the import's child process."""
+    """Import the requested objects and test their grasps. The child process of an import runs this function."""
     answer_imports(with_tried_grasps)
 
 
 def with_tried_grasps(imported: Imported) -> Imported:
-    """Keep only the grasps that lift and carry the object in simulation, the most stable first.
+    """Keep only the grasps that lift and carry the object in simulation, sorted from most to least stable.
 
     A note about the test is added. If the object is heavier than the payload of the robot, no grasp is tested and all
     grasps are kept.

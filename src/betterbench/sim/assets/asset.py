@@ -1,4 +1,4 @@
-"""The class Asset, which describes one 3-D object for scenes, experts and predicates."""
+"""The class Asset. It describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -107,7 +107,7 @@ class Asset:
 
     Attributes:
         category: Kind of object, such as "mug".
-        look: Number of the variant among those that the generator makes.
+        look: Number of the variant that the generator made.
         color: Color word.
         shape: Coarse word for the shape: "round", "cylinder", "box" or "irregular".
         description: One sentence of free text, used for retrieval.
@@ -120,7 +120,7 @@ class Asset:
         regions: Named regions, such as opening, ring, handle and top.
         parameters: Parameters that the generator drew. They are only stored for information.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side in a container.
-        traits: Tags that describe the material, place or use of the object but cannot name the object.
+        traits: Tags that describe the material, place or use of the object but are not names for it.
     """
 
     category: str
@@ -170,7 +170,7 @@ class Asset:
         return find_named(f"region of {self.category}", name, self.regions)
 
     def content_hash(self) -> str:
-        """Return a hash of everything in the asset that affects physics or images (16 hexadecimal digits)."""
+        """Return a hash of all properties of the asset that affect physics or images (16 hexadecimal digits)."""
         digest = hashlib.sha256()
         numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
         digest.update(repr(numbers).encode() + repr(self.regions).encode())

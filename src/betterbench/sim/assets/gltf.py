@@ -1,4 +1,4 @@
-"""Checks of a glTF file's header and JSON description before the file is read (glTF 2.0, sections 3 and 4.4)."""
+"""Check the header and the JSON description of a glTF file before it is loaded (glTF 2.0, sections 3 and 4.4)."""
 
 from __future__ import annotations
 

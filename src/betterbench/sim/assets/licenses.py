@@ -31,7 +31,7 @@ LONGEST_LICENSE = 80
 
 
 def _plain(text: str) -> str:
-    """Return the text of a license in lower-case words, with the conditions of Creative Commons abbreviated."""
+    """Convert the text of a license to lower-case words, and abbreviate the conditions of Creative Commons licenses."""
     plain = " ".join(re.sub(r"[^a-z0-9.]+", " ", text.lower()).split())
     for pattern, letters in _SPOKEN:
         plain = re.sub(rf"\b{pattern}\b", letters, plain)
@@ -39,7 +39,7 @@ def _plain(text: str) -> str:
 
 
 def license_name(text: str) -> str:
-    """Return the usual name of a license, such as "CC-BY-NC-4.0" for "by-nc". Unknown names stay unchanged.
+    """Return the standard name of a license, such as "CC-BY-NC-4.0" for "by-nc". Unknown names stay unchanged.
 
     A Creative Commons license without a version is given version 4.0, the version that Objaverse uses.
     """
@@ -57,7 +57,7 @@ def license_name(text: str) -> str:
 
 @functools.lru_cache(maxsize=1024)
 def license_kind(name: str) -> LicenseKind:
-    """Return the kind of a license, given its usual name (:func:`license_name`)."""
+    """Return the kind of a license, given its standard name (:func:`license_name`)."""
     plain = _plain(name)
     if {"nc", "nd"} & set(plain.split()):
         return "restricted"

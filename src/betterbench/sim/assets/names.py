@@ -30,7 +30,9 @@ def words_of(text: str) -> tuple[str, ...]:
 
 
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
-    """Return the folder and the file stem that name the object in a file. The stem is None if only the folder names it.
+    """Return the folder and the file stem that name the object in a file.
+
+    If only the folder names it, the stem is None.
 
     Neither the folder ``root`` nor a folder above it ever names an object.
     """

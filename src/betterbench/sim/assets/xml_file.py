@@ -1,4 +1,4 @@
-"""Reading of untrusted XML files. Entities and document types are rejected, and file size and nesting are limited."""
+"""Reader for untrusted XML files. It rejects entities and document types, and limits the file size and the nesting."""
 
 from __future__ import annotations
 

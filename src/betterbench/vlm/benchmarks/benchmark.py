@@ -15,7 +15,7 @@ from betterbench.vqa.coordinates import Coordinates
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Rule by which the headline number of a benchmark is computed.
+    """Rule for computing the headline number of a benchmark.
 
     Attributes:
         rule: "micro" for the mean over all items, "macro" for the unweighted mean over groups.
@@ -60,7 +60,7 @@ class DataSource:
         files: Files to download.
         license: License of the questions.
         terms: Terms of the images and videos, and what cannot be downloaded.
-        layout: Paths of the files that a data folder must contain. There is one phrase for each published format.
+        layout: Paths of the files that a data folder must contain. There is one string for each published format.
     """
 
     repository: str
@@ -75,7 +75,7 @@ class Benchmark:
     """A static benchmark.
 
     Attributes:
-        title: Name that tables show.
+        title: Name that is shown in tables.
         read: Function that reads the data in a folder, in any of the published formats.
         source: Origin of the data, and the terms under which it may be used.
         headline: Rule by which the headline number is computed.
@@ -104,7 +104,7 @@ class Benchmark:
             InvalidInputError: If the folder does not contain data of this benchmark, or a row is invalid.
         """
         if not folder.exists():
-            raise InvalidInputError("--data", f"{folder} does not exist", f"Run better vlm fetch {self.name}")
+            raise InvalidInputError("--data", f"{folder} does not exist", f"Run `better vlm fetch {self.name}`")
         return self.read(folder)
 
 

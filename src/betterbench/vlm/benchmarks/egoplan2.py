@@ -66,7 +66,7 @@ def _item(row: Row, identifier: str, count: int) -> Item:
 
 
 def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
-    """Return a list of functions, each of which reads the image of one key frame.
+    """Return a list of functions. Each function reads the image of one key frame.
 
     The images come from the row, from a folder of frames, or from the video.
     """

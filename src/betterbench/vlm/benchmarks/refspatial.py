@@ -78,11 +78,11 @@ def _item(row: Row, split: str, identifier: str, pictures: dict[str, Callable[[]
 
 
 def _require_region(mask: bytes, ratio: float, where: str) -> None:
-    """Raise InvalidInputError if a mask is empty, or if its aspect ratio differs from that of its image."""
+    """Raise InvalidInputError if a mask is empty or does not have the aspect ratio of its image."""
     region = mask_of(mask, where)
     rows, columns = region.shape
     if not region.any():
-        raise InvalidInputError(where, "is empty, so every answer would be wrong", "Download the data again")
+        raise InvalidInputError(where, "it is empty, so every answer would be wrong", "Download the data again")
     if abs(columns / rows / ratio - 1.0) > _MOST_STRETCH:
         problem = f"has {columns} × {rows} pixels, so its aspect ratio differs from that of its image"
         raise InvalidInputError(where, problem, "Download the data again")

@@ -1,4 +1,4 @@
-"""Image resolutions for the paper's ablation, in which a model has "myopic" eyes (its Table 3).
+"""Image resolutions for the ablation with a "myopic" model in Table 3 of arXiv:2604.18000 ("the paper").
 
 The paper's "single 224 x 224 picture" can be understood in three ways, which lose different information. In each of
 them, the image is resized to a square without padding. Positions that are given as fractions of width and height
@@ -35,7 +35,7 @@ MYOPIC = 224
 
 
 class Eyes(StrEnum):
-    """Resolution of the images that a model is shown."""
+    """Resolution at which a model is shown images."""
 
     NATIVE = "native"
     TILE_1 = "tile-1"
@@ -60,8 +60,8 @@ class Shown:
         data: Content of the image file. It is the original file for ``native``, and otherwise a PNG file.
         width: Width of the shown image [pixel]. Absolute coordinates in an answer refer to the shown image.
         height: Height of the shown image [pixel].
-        detail: Width and height of the image at its effective resolution, which limits the detail that it can contain
-            [pixel]. For ``blur-224``, they are smaller than those of the shown image.
+        detail: Width and height [pixel] of the image at its effective resolution, which limits the visible detail. For
+            ``blur-224``, they are smaller than those of the shown image.
     """
 
     data: bytes

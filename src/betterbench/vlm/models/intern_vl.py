@@ -1,8 +1,8 @@
 """InternVL checkpoints in the Hugging Face format, which run in this process.
 
 Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers is not used,
-because it needs torchvision, whose wheels do not match the CPU build of PyTorch. Instead, this module replaces the
-placeholder of each image by one token per visual feature.
+because it needs torchvision, and the wheels of torchvision do not match the CPU build of PyTorch. Instead, this module
+replaces the placeholder of each image by one token per visual feature.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class InternVl:
             problem = f"cannot be loaded as a checkpoint ({one_line(error, most=200)})"
             raise InvalidInputError(str(folder), problem, "Download all files of the checkpoint again") from error
         if not getattr(self._tokenizer, "chat_template", None):
-            raise InvalidInputError(str(folder), "has no chat template", "Download chat_template.jinja as well")
+            raise InvalidInputError(str(folder), "it has no chat template", "Download chat_template.jinja as well")
         self._model = model.to(self._device).eval()
         vision = config.vision_config
         self._patch, self._side = int(vision.patch_size[0]), side or int(vision.image_size[0])
@@ -195,7 +195,7 @@ def _read_config(folder: Path) -> PretrainedConfig:
 
     cure = f"Pass the folder of an InternVL checkpoint in the Hugging Face format (its name ends in -HF). {_SERVE}"
     if not (folder / "config.json").is_file():
-        raise InvalidInputError(str(folder), "contains no config.json", cure)
+        raise InvalidInputError(str(folder), "it contains no config.json", cure)
     try:
         config = transformers.AutoConfig.from_pretrained(folder, local_files_only=True)
     except (OSError, ValueError, KeyError) as error:
@@ -203,5 +203,7 @@ def _read_config(folder: Path) -> PretrainedConfig:
         raise InvalidInputError(str(folder), problem, cure) from error
     named = list(getattr(config, "architectures", None) or [type(config).__name__])
     if _ARCHITECTURE not in named:
-        raise InvalidInputError(str(folder), f"is a checkpoint of {', '.join(named)}, expected {_ARCHITECTURE}", cure)
+        raise InvalidInputError(
+            str(folder), f"it is a checkpoint of {', '.join(named)}, expected {_ARCHITECTURE}", cure
+        )
     return config

@@ -1,7 +1,7 @@
 """InternVL's division of an image into square tiles, and the resulting number of tokens.
 
 The rule is the same as in InternVL's ``dynamic_preprocess`` and in the image processor of transformers (GOT-OCR 2).
-Among all grids with at most ``most`` tiles, it chooses the one whose aspect ratio is nearest to that of the image. If
+Among all grids with at most ``most`` tiles, it chooses the one with the aspect ratio nearest to that of the image. If
 two grids have the same aspect ratio, it chooses the larger one if the image has more than half as many pixels as this
 grid. The image is resized to the grid and cut into tiles. If there is more than one tile, a thumbnail of the whole
 image is added.
@@ -21,7 +21,7 @@ TILES_ALLOWED = 64
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Grid of tiles into which an image is divided. If it has more than one tile, a thumbnail is added."""
+    """Grid of tiles that an image is divided into. If it has more than one tile, a thumbnail is added."""
 
     columns: int
     rows: int

@@ -1,4 +1,4 @@
-"""Scorers of RefSpatial-Bench, which reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
+"""Scorers of RefSpatial-Bench that reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
 
 In RoboRefer's evaluation, each coordinate convention has its own pattern for points. The score of an item is the mean
 of the mask over the points in the reply. If the program fails to read a reply, it omits the item from the denominator.
@@ -50,7 +50,7 @@ Shape = Point | Rectangle
 def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
     """Return the points ``(x, y)`` and the boxes ``(x0, y0, x1, y1)`` that the upstream program finds in a reply.
 
-    If ``absolute`` is False, the program takes a pair of integers as pixels. It scales a pair by the image size if at
+    If ``absolute`` is False, the program treats a pair of integers as pixels. It scales a pair by the image size if at
     least one of the two numbers has a decimal point. It does not find tuples with spaces next to their brackets, or
     with numbers such as ".5".
 
@@ -97,7 +97,7 @@ def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
 
 
 def tags_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points in Molmo's ``points`` tags, whose attributes are numbered (x1, y1).
+    """Return the points in Molmo's ``points`` tags, which have numbered attributes (x1, y1).
 
     The attributes of a single point (x, y) are not numbered. The upstream program does not find them.
     """
@@ -161,7 +161,7 @@ def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int 
 
 
 def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
-    """Return the number of columns and of rows of the mask, by which the upstream programs scale coordinates."""
+    """Return the width and the height of the mask. The upstream programs use them to scale coordinates."""
     rows, columns = items.mask(item.gold.mask or "").shape
     return columns, rows
 
@@ -179,8 +179,8 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
     """Score a reply as lmms-eval does.
 
-    All pairs of numbers, even of integers, count as fractions of the image size. Boxes are ignored. A mask whose values
-    are all small counts as empty.
+    All pairs of numbers, even pairs of integers, are treated as fractions of the image size. Boxes are ignored. If all
+    values of a mask are small, the mask is treated as empty.
     """
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)

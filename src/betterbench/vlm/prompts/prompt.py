@@ -33,8 +33,8 @@ class Prompt:
         source: Where the wording comes from.
         option: Template for one option, with ``{letter}`` and ``{text}``.
         frame: Template for the line about one image, with ``{number}`` and ``<image>``.
-        coordinates: Coordinate convention that the wording states. None if the wording states none, or if ``{request}``
-            states it.
+        coordinates: Coordinate convention that the wording states. None if the wording does not state a convention, or
+            if ``{request}`` states it.
     """
 
     id: str
@@ -66,8 +66,8 @@ class Prompt:
             usual: Default convention for a prompt with ``{request}``. None for items without points and boxes.
 
         Raises:
-            InvalidInputError: If the wording states a convention that differs from the declared one, or if neither the
-                wording nor the user states a convention.
+            InvalidInputError: If the wording and the user state different conventions, or if neither of them states
+                one.
         """
         if usual is None:
             return declared or "pixels"

@@ -82,7 +82,7 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
     [
         (("search", "mug", "--license", "cc0"), "expected 'free' or 'any', got 'cc0'. Use --license any to"),
         (("search", "mug", "--source", "kitchn"), "Did you mean 'kitchen'"),
-        (("search",), "query: has 0 characters"),
+        (("search",), "query: it has 0 characters"),
         (("show", "kitchen/red"), "Unknown asset 'kitchen/red'"),
         (("show",), "0 ids are given"),
         (("search", "mug", "--out", "sheet.gif"), "ends with '.gif'"),
@@ -101,7 +101,7 @@ def test_what_is_wrong_is_one_line_with_a_cure(indexed, capsys, words, text):
 def test_without_a_catalogue_or_an_encoder_the_command_is_named(place, capsys, monkeypatch):
     meshes, where = place
     assert re.search(
-        r"has no catalogue of assets\. Run: \S*better assets index\.", run(capsys, "search", "mug", *where)[2]
+        r"it has no asset catalogue\. Run `\S*better assets index`\.", run(capsys, "search", "mug", *where)[2]
     )
     monkeypatch.setattr(minilm, "find_files", lambda: None)
     status, _, err = run(capsys, "index", str(meshes), *where)

@@ -248,7 +248,7 @@ def test_a_killed_job_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
     with pytest.raises(KeyboardInterrupt):
         index(tmp_path / "killed", source, encoder=Dies())
-    with pytest.raises(InvalidInputError, match=r"its indexing is still running.*Run better assets index again"):
+    with pytest.raises(InvalidInputError, match=r"its indexing is still running.*Run `better assets index` again"):
         Catalogue(tmp_path / "killed")
     with (tmp_path / "killed" / JOURNAL).open("ab") as journal:
         journal.write(b"half a line")
@@ -330,15 +330,15 @@ SPOILT = {
     "foreign": (spoil_application, "is not an asset catalogue"),
     "version": (spoil_version, "is a catalogue of version 99, expected version 3"),
     "tables": (spoil_tables, "is damaged"),
-    "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy: "),
-    "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy: does not contain"),
-    "kinds cut": (lambda folder: np.save(folder / "kinds.npy", np.zeros(3, np.int16)), "kinds.npy: has 3 rows"),
+    "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy cannot be read"),
+    "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy does not contain"),
+    "kinds cut": (lambda folder: np.save(folder / "kinds.npy", np.zeros(3, np.int16)), "kinds.npy has 3 rows"),
     "kinds unknown": (
         lambda folder: np.save(folder / "kinds.npy", np.full(7, 999, np.int16)),
         "kinds that have no texts",
     ),
-    "kind texts": (lambda folder: np.save(folder / "kind_texts.npy", np.zeros(3)), "kind_texts.npy: does not contain"),
-    "missing": (lambda folder: (folder / "sketches.npy").unlink(), "sketches.npy: cannot be read"),
+    "kind texts": (lambda folder: np.save(folder / "kind_texts.npy", np.zeros(3)), "kind_texts.npy does not contain"),
+    "missing": (lambda folder: (folder / "sketches.npy").unlink(), "sketches.npy cannot be read"),
 }
 
 
@@ -354,7 +354,7 @@ def test_a_damaged_catalogue_is_one_clear_error(tmp_path, kind):
 
 
 def test_without_a_catalogue_the_command_is_named(tmp_path):
-    with pytest.raises(InvalidInputError, match=r"has no catalogue of assets\. Run: better assets index"):
+    with pytest.raises(InvalidInputError, match=r"it has no asset catalogue\. Run `better assets index`"):
         Catalogue(tmp_path)
 
 

@@ -1,6 +1,7 @@
 """Checks of the asset certificate, one topic per file. Importing a file registers the checks in it.
 
-The import order is the order of the results: cheap checks of the asset's description first, simulations last.
+The results are listed in the order of the imports below. Cheap checks of the asset's description come first, and
+simulations come last.
 """
 
 from betterbench.sim.asset_checks.checks import license, surfaces, size, upright, mass, collision  # noqa: A004, F401, I001

@@ -1,4 +1,4 @@
-"""Checks that a container can hold a ball, and that a block can stand on top of an object such as a plate."""
+"""Checks that a container can hold a ball, and that a block can stand on an object such as a plate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SECONDS = 2.0
 
 @check
 def holds_ball(subject: Subject) -> Finding:
-    """Check that a ball that is dropped into a container comes to rest near the container's floor."""
+    """Check that a ball dropped into a container comes to rest near the floor of the container."""
     asset = subject.asset
     if not subject.holds:
         return not_applicable("it is not a container")
@@ -87,7 +87,10 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
 
 @check
 def carries_block(subject: Subject) -> Finding:
-    """Check that a block stays where it is put on top of the asset, if the asset declares a top."""
+    """Check that a block placed on top of the asset stays there.
+
+    The check only applies to assets that declare a top.
+    """
     top = next((region for region in subject.asset.regions if region.name == "top"), None)
     if top is None:
         return not_applicable("it does not declare a top")

@@ -13,7 +13,7 @@ _CURE = "Move a grasp to a part with two parallel sides, or check mass and frict
 
 @check
 def grasp_width(subject: Subject) -> Finding:
-    """Check that at least one of the preferred grasps fits the gripper and has a correct stated width."""
+    """Check that at least one of the preferred grasps fits into the gripper and declares the correct width."""
     grasps = sorted(subject.asset.grasps, key=lambda grasp: grasp.preference)[: limits.GRASPS_TRIED]
     if not grasps:
         return not_applicable("it has no grasp for a parallel jaw")

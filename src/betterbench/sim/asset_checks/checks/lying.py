@@ -30,7 +30,7 @@ def rest_drift(subject: Subject) -> Finding:
 
 @check
 def rest_jitter(subject: Subject) -> Finding:
-    """Check that the surface of the asset does not jitter while it rests on a table."""
+    """Check that the asset does not jitter while it rests on a table."""
     found = subject.rest.jitter_mm_s
     said = f"its surface moves at {found:.2g} mm/s at rest"
     return at_most(

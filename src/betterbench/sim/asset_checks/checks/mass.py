@@ -1,4 +1,4 @@
-"""Checks that center of mass and inertia match the shape of an asset, and that its friction is plausible."""
+"""Checks that the mass properties of an asset match its shape, and that its friction is plausible."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def inertia(subject: Subject) -> Finding:
 def friction(subject: Subject) -> Finding:
     """Check that the sliding friction of all collision parts is plausible.
 
-    The finding shows the first implausible value.
+    The finding reports the first value that is implausible.
     """
     values = [part.friction[0] for part in subject.asset.collision]
     usual = f"{limits.LEAST_FRICTION:g} to {limits.MOST_FRICTION:g}"

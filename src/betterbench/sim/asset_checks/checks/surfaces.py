@@ -70,7 +70,7 @@ def _problem(part: VisualPart) -> str:
 
 
 def _shown(part: VisualPart, texture: Texture) -> np.ndarray | None:
-    """Return the texture's color at the center of each triangle, (k, 3), or None if its coordinates cannot be used."""
+    """Return the texture color at the center of each triangle, (k, 3). None if the texture coordinates are unusable."""
     corners = part.faces if texture.corners is None else texture.corners
     if len(corners) != len(part.faces) or corners.max(initial=0) >= len(texture.uv):
         return None

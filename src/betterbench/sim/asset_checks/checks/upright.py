@@ -1,4 +1,4 @@
-"""Check that an asset is upright in the pose that is usual for its kind."""
+"""Check that an asset has the upright pose of its kind."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CURE = "Give the axis of the file that points up with --up"
 def upright(subject: Subject) -> Finding:
     """Check that the asset's pose fits its kind.
 
-    For example, an object of a tall kind must stand, and a container must be open at the top.
+    For example, a bottle must stand, and a container must be open at the top.
     """
     kind = subject.kind
     if kind is None:
@@ -72,7 +72,7 @@ def _round(subject: Subject) -> Finding:
     """Check that a round object does not lie on its side.
 
     The check compares how much the object's width varies around a vertical axis and around a horizontal axis. The width
-    of a cylinder, for example, is the same in all directions across its own axis.
+    of a cylinder, for example, is the same in all directions perpendicular to its axis.
     """
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
@@ -107,7 +107,7 @@ def _leaning(subject: Subject) -> Finding:
 
 
 def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
-    """Return the ratio of the largest to the smallest width of an object, over twelve directions across an axis."""
+    """Return the ratio of the largest to the smallest width of an object, over twelve directions around an axis."""
     first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     first = first / np.linalg.norm(first)
     second = np.cross(axis, first)

@@ -1,7 +1,7 @@
 """Building blocks for writing assets: solids, meshes, textures, grasps and regions (see docs/adding-an-asset.md).
 
-A generator is one decorated function that returns a :class:`Draft`. The registry derives from the draft everything else
-that scenes, experts and predicates need.
+A generator is one decorated function that returns a :class:`Draft`. From the draft, the registry derives everything
+else that scenes, experts and predicates need.
 """
 
 from betterbench.sim.assets.authoring.ceramics import glazed

@@ -43,7 +43,7 @@ def glazed(
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
 ) -> Canvas:
-    """Paint the texture of a glazed vessel. It runs from the foot over the rim to the floor inside, which is shaded.
+    """Paint the texture of a glazed vessel, from the foot over the rim to the shaded floor inside.
 
     On the rim, the glaze is thinner and therefore brighter.
 
@@ -51,10 +51,10 @@ def glazed(
         rng: Random generator for the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
-        decoration: Either a key of ``bands``, or "speckled", or "dots". Any other value gives no decoration.
+        decoration: Either a key of ``bands``, or "speckled", or "dots". For any other value, there is no decoration.
         rows: Indices of five profile points: the end of the unglazed foot, and the beginnings of the wall, the rim, the
             inside and the inner floor.
-        lining: Color of the inside. If None, the inside has the color of the outside.
+        lining: Color of the inside. If None, the inside has the same color as the outside.
         ink: Color of the decoration. If None, it is cream on dark glazes and dark gray on light glazes.
         bands: Painted bands of each decoration.
         shadow: Brightness of the inside just below the rim, and its decrease from there down to the floor.

@@ -1,4 +1,4 @@
-"""Drafts of assets, which generators return, and helpers for the parts, grasps and regions of a draft."""
+"""Drafts of assets (the results of generators), and helpers for making their parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,16 +25,16 @@ JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Draft:
-    """Description of one object, from which the registry makes an asset.
+    """Description of one object. The registry makes an asset from it.
 
-    The registry adds the category, the variant number and the color word (also as the last tag). It also distributes
-    the mass over the collision parts and measures the size. The fields that are not listed here are explained in
-    :class:`~betterbench.sim.assets.asset.Asset`.
+    The registry adds the category, the variant number and the color word. The color word also becomes the last tag. The
+    registry also distributes the mass over the collision parts and measures the size. The fields that are not listed
+    here are explained in :class:`~betterbench.sim.assets.asset.Asset`.
 
     Attributes:
         tags: Search words. The color word is not among them, since the registry adds it.
-        traits: Tags that describe the material, place or use of the object but cannot name the object: "glass" for a
-            jar, "desk" for a mouse.
+        traits: Tags that describe the material, place or use of the object but are not names for it: "glass" for a jar,
+            "desk" for a mouse.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order. If there are fewer densities than parts, the
             remaining parts have no mass. If None, all parts have the same density.
@@ -139,8 +139,8 @@ def grip(
 ) -> Grasp:
     """Return a grasp from straight above at (x, y), with the center of the finger pads at ``height`` [m].
 
-    The fingers open along the axis ``across`` of the object, around a part that is ``width`` thick [m]. The remaining
-    arguments are explained in :class:`Grasp`.
+    The fingers open along the object's axis ``across``. The part between them has the thickness ``width`` [m]. The
+    remaining arguments are explained in :class:`Grasp`.
     """
     pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)

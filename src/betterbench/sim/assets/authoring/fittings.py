@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.turned import Turned
 
 
 def water_tank(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> VisualPart:
-    """Return a tinted water tank with a dark lid, filled to four fifths.
+    """Return a tinted water tank with a dark lid, four fifths full.
 
     The tank extends between the two given positions in x and between the two given heights in z [m].
     """

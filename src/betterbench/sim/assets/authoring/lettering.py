@@ -1,6 +1,6 @@
 """Stroke font for letters and digits printed on objects.
 
-It has only the characters that the procedural library needs.
+It contains only the characters that the procedural library needs.
 """
 
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
@@ -37,7 +37,7 @@ def write_word(
 ) -> None:
     """Write a word of upper-case characters on a texture, centered at ``center``.
 
-    The height of the letters is in units of the canvas. The width of the strokes is a fraction of the letter height.
+    The letter height is given in units of the canvas, and the stroke width as a fraction of the letter height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
     low = center[1] - 0.5 * height

@@ -62,8 +62,8 @@ def mass_properties(
     """Distribute a mass over primitive collision parts, and return the mass properties of the whole body.
 
     The densities are relative, one for each part. If there are fewer densities than parts, the remaining parts have no
-    mass. If None, all parts have the same density. The results are rounded to nine digits, so that they are equal on
-    all machines.
+    mass. If ``densities`` is None, all parts have the same density. The results are rounded to nine digits, so that
+    they are equal on all machines.
 
     Raises:
         InvalidInputError: If a part is a hull, or all densities are zero.

@@ -1,9 +1,10 @@
 """Materials of objects, with their friction, their density and the sources of these values.
 
-A friction coefficient belongs to two surfaces in contact, but MuJoCo has one number per surface and uses the larger
-one. The coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's
-coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The gripper's rubber pads have
-1.2, more than any material, so that a grasp holds every object equally.
+A friction coefficient describes a pair of surfaces in contact, but MuJoCo stores one coefficient per surface and uses
+the larger of the two. The coefficient of a material here is for contact with itself or with a painted or laminated
+table top. The table's coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The
+coefficient of the gripper's rubber pads is 1.2, which is higher than that of any material. A grasp therefore holds all
+objects equally well.
 
 Published values of dry static friction differ by up to 50 %. The values here are inside the published ranges and are
 rounded to 0.05:
@@ -15,8 +16,10 @@ rounded to 0.05:
   0.40 to 0.65, ABS 0.60 to 0.75, PMMA 0.60 to 0.70;
 * paper and board against themselves, by the methods ISO 15359 and TAPPI T 549: 0.4 to 0.7 if uncoated;
 * fruit: Puchalski and Brusewitz, "Relative humidity and wetting affect friction between apple and flat surfaces",
-  *International Agrophysics* 16 (2002): 0.3 to 0.7 on wood, steel and plastic, by kind and moisture;
-* other food, soap and sponge: no common table; values are estimated by comparison, as ``reason`` explains.
+  *International Agrophysics* 16 (2002): 0.3 to 0.7 on wood, steel and plastic, depending on the kind of fruit and its
+  moisture;
+* other food, soap and sponge: there is no common table, so the values are estimated by comparison, as ``reason``
+  explains.
 
 The torsional coefficient [m] is the sliding coefficient times two thirds of the radius of a 15 mm contact patch, as for
 the gripper pads: a flat object resists being turned about the vertical axis as much as being pushed. The rolling

@@ -1,4 +1,4 @@
-"""Triangle meshes made from rings of points, from which all procedural shapes are built.
+"""Triangle meshes made from rings of points. All procedural shapes are built from such meshes.
 
 A loft connects rings of points by strips of triangles. Solids of revolution, beveled boxes, swept tubes and takeaway
 boxes are all lofts. Vertices are shared on round surfaces and duplicated at edges. A renderer that averages normals
@@ -107,7 +107,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
-    """Merge vertices with equal positions and texture coordinates, and drop triangles whose area is zero afterwards.
+    """Merge vertices with equal positions and texture coordinates, and drop triangles that then have zero area.
 
     Returns:
         The merged mesh and its :func:`face_normals`.
@@ -129,7 +129,7 @@ def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
 
 
 def _renumbered(numbers: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Renumber the integers in an array, all of which are below ``count``, without gaps.
+    """Renumber the integers in an array without gaps. All of them must be below ``count``.
 
     Returns:
         The sorted unique elements, and an array of the same shape with the rank of each element among them.
@@ -230,10 +230,10 @@ def loft(
 
 
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
-    """Return texture columns that rise from 0 to 1 over one half of a ring, and fall back to 0 over the other half.
+    """Return texture coordinates that rise from 0 to 1 along one half of a ring, and fall back to 0 along the other.
 
-    A print that is painted for half of the circumference then appears on both halves, and no seam interrupts the
-    shading of a round body. The number of points ``n`` must be even.
+    A print painted for half of the circumference then appears on both halves, and there is no visible seam. The number
+    of points ``n`` must be even.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)
@@ -280,10 +280,10 @@ def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
 
 
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
-    """Return the (n, 3) points of a horizontal rectangle at height ``z``, counterclockwise [m].
+    """Return the (n, 3) points [m] of a horizontal rectangle at height ``z``, in counterclockwise order.
 
-    If ``corner`` is above 0, each corner is rounded with this radius by ``steps`` segments. A single segment gives a
-    chamfer.
+    If ``corner`` is above 0, each corner is rounded with this radius, using ``steps`` segments. A single segment gives
+    a chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -334,7 +334,7 @@ def span(
 
 
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
-    """Loft convex rings, and close each end with triangles between the points of its ring, without a center point."""
+    """Loft convex rings, and close both ends without adding a center point."""
     side = loft(rings, caps=(False, False))
     n = len(rings[0])
     last = (len(rings) - 1) * n
@@ -352,7 +352,7 @@ def prism(rings: Sequence[np.ndarray], *, crease_degrees: float = 40.0) -> Mesh:
 def sweep(
     x: Sequence[float], z: Sequence[float], section: Sequence[tuple[float, float]], *, crease_degrees: float = 40.0
 ) -> Mesh:
-    """Move a cross section along a path in the plane y = 0, and close both ends.
+    """Return the closed mesh that results from moving a cross section along a path in the plane y = 0.
 
     The path is given by the x coordinates and the heights of its points [m]. The points (a, b) of the cross section [m]
     are in counterclockwise order: a is measured along y, and b along the normal of the path within the plane.
@@ -400,7 +400,7 @@ def rod(
 
 
 def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float) -> Mesh:
-    """Return a plate with beveled rims, given the x and z of each point of its convex side view [m].
+    """Return a plate with beveled rims, given the x and z coordinates of each point of its convex side view [m].
 
     The points are in counterclockwise order.
     """

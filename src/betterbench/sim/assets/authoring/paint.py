@@ -20,7 +20,7 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Context manager in which textures are not painted, to build assets in a tenth of the time.
+    """Context manager in which no textures are painted, so that assets are built faster.
 
     Canvases then have only one pixel. All random numbers are still drawn, so shapes stay the same.
     """
@@ -94,7 +94,7 @@ class Canvas:
             self._blend(window, mask * strength, color)
 
     def _fill(self, window: tuple[slice, slice], inside: np.ndarray, color: Rgb, strength: float = 1.0) -> None:
-        """Blend a color into a window of the texture, with the same weight wherever the mask of the window is set."""
+        """Blend a color into a window of the texture, using the same weight for all pixels in the window's mask."""
         planes, new = self._planes[:, *window], _by_plane(color)
         np.copyto(planes, new if strength == 1.0 else planes * (1.0 - strength) + new * strength, where=inside)
 
@@ -115,7 +115,7 @@ class Canvas:
             planes[channel] += value * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the slices of rows and columns that contain all samples within reach of a point.
+        """Return the slices of rows and columns that contain all samples near a point.
 
         Small marks are painted faster if only this part of the texture is changed.
         """
@@ -202,7 +202,7 @@ class Canvas:
         rows: tuple[float, float],
         stretch: float = 1.0,
     ) -> None:
-        """Paint spots with random centers between two rows. The spots are ``stretch`` times as wide as high.
+        """Paint spots with random centers between two pixel rows. The width of a spot is ``stretch`` times its height.
 
         ``radius`` gives the smallest and the largest radius of a spot.
         """
@@ -243,7 +243,7 @@ def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[flo
 def scattered(
     rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
 ) -> Iterator[tuple[float, float]]:
-    """Yield up to ``count`` random points in a disc around (1, 1). They are at least ``gap`` apart.
+    """Yield up to ``count`` random points that are at least ``gap`` apart, in a disc around (1, 1).
 
     While iterating, the caller may draw other random numbers from ``rng``. If ``count`` is None, the number of points
     is limited only by the number of tries.

@@ -47,7 +47,7 @@ def read_folders_with(reader: Callable[[TaskFile], None]) -> None:
 
 
 def _load_declared() -> None:
-    """Load the plugins, task files and asset folders that the user has given."""
+    """Load the plugins, task files and asset folders that the user has specified."""
     load_declared()
     for file in loaded_files():
         if file.is_asset_folder and file.path not in _folders_read:
@@ -65,7 +65,7 @@ def generator(
     family: str | None = None,
     keeps_upright: bool = False,
 ) -> Callable[[Generator], Generator]:
-    """Register a function as the generator of a category. The function may be in any file that is imported.
+    """Register a function as the generator of a category. The function can be defined in any imported file.
 
     The function takes a random generator and a color word. All differences between variants of an object come from the
     random generator. The function must draw the same random numbers for every color, so that the color never changes
@@ -75,9 +75,9 @@ def generator(
         category: Name of the category.
         colors: Color words. The first one is the default.
         looks: Number of variants for training and test. They are numbered from 0.
-        unseen_looks: Number of held-out variants. Their numbers continue those of ``looks``.
-        family: Categories of the same family draw the same random numbers for a variant, so that related objects (a
-            cabinet and its drawers, the plates of a set) match. If None, the category is its own family.
+        unseen_looks: Number of held-out variants. They are numbered from ``looks`` on.
+        family: Categories of the same family draw the same random numbers for a variant, so that related objects match
+            (for example a cabinet and its drawers, or the plates of a set). If None, the category is its own family.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side to count as inside a
             container.
 
@@ -117,7 +117,7 @@ def unregister(category: str) -> None:
 
 
 def _origin(make: Generator) -> str:
-    """Return the name of a generator and the file in which it is defined, for messages."""
+    """Return the name of a generator and of the file that defines it, for use in messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'an unknown file')}"
 
@@ -184,7 +184,7 @@ def family_of(category: str) -> str:
 
 
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
-    """Make an asset. The same arguments give the same bits in every process. The color never changes the shape.
+    """Make an asset. The same arguments give a bit-identical asset in every process. The color never changes the shape.
 
     Args:
         category: Name of the category.
@@ -214,7 +214,7 @@ def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -
 def _checked_color(category: str, look: int, color: str | None) -> str:
     """Check that a category has the given color and variant.
 
-    Return the color. If no color is given, it is the first color of the category.
+    Return the color, which is by default the first color of the category.
     """
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
@@ -232,7 +232,10 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager that replaces regions of assets built in it. They are keyed by category and region name."""
+    """Context manager that replaces regions of all assets built inside it.
+
+    The new regions are keyed by category and region name.
+    """
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:

@@ -1,4 +1,4 @@
-"""Collision shapes: convex primitives, and walls of hollow objects, which are composed of primitives."""
+"""Collision shapes: convex primitives, and walls of hollow objects that are made of such primitives."""
 
 import math
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from betterbench.sim.assets.authoring.materials import material
 
 
 def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
-    """Give collision parts the friction of a material, for example a rubber handle on a steel object.
+    """Give collision parts the friction of a material, for example to the rubber handle of a steel object.
 
     If ``only_plain`` is True, parts that already have a friction of their own keep it.
 
@@ -70,7 +70,9 @@ def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
-    """Return a box, such as a lid, that is opened about a hinge. It is moved in the same way as by :meth:`Mesh.hinged`.
+    """Return a box, such as a lid, that is opened about a hinge.
+
+    It is moved in the same way as a mesh by :meth:`Mesh.hinged`.
 
     The half sizes are in meters. Before the box is opened, the hinge is at the origin and the center of the box is at
     ``middle`` (x, z) [m].
@@ -98,7 +100,8 @@ def round_wall(
 ) -> list[CollisionPart]:
     """Return the upright wall of a hollow round object between two heights [m], as a :func:`ring_of_boards`.
 
-    The outer faces of the boards are at ``radius``. If ``half_length`` is None, each board is one side of an octagon.
+    The outer faces of the boards are at distance ``radius`` from the axis. If ``half_length`` is None, each board is
+    one side of an octagon.
     """
     along = radius * math.tan(math.pi / 8) if half_length is None else half_length
     up = 0.5 * (high - low)

@@ -1,4 +1,4 @@
-"""Solids of revolution, whose mesh, wrapped texture and collision shapes are made from the same profile."""
+"""Solids of revolution. Mesh, wrapped texture and collision shapes of a solid are made from the same profile."""
 
 import math
 from collections.abc import Sequence
@@ -56,7 +56,7 @@ class Turned:
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
-        """Create an empty texture for the surface. Its rows go up along the profile.
+        """Create an empty texture for the surface. Its rows follow the profile upward.
 
         If ``width`` is None, the width of the texture is half of the largest circumference [m]. It is 1 if the texture
         is not wrapped and therefore has only one column.

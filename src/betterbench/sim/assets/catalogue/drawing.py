@@ -1,6 +1,6 @@
 """Preview images of mesh files, drawn from surface points without a simulator or graphics library.
 
-Meshes are loaded with trimesh. Files to which a mesh refers are only read if they are in the mesh's folder.
+Meshes are loaded with trimesh. A file that a mesh refers to is only read if it is in the mesh's folder.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LIGHT = np.array([0.45, -0.35, 0.82])
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Resolver that reads the files to which a mesh refers, if they are in the mesh's folder or its subfolders."""
+    """Resolver for files that a mesh refers to. It only reads files in the mesh's folder and its subfolders."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
@@ -65,7 +65,9 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
     except Exception as error:  # mesh readers may raise any exception for damaged files
-        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check the file in a mesh editor") from error
+        raise InvalidInputError(
+            str(path), f"it cannot be drawn ({error})", "Check the file in a mesh editor"
+        ) from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
     return _drawn(points, normals, colors, pixels)

@@ -16,8 +16,8 @@ class CatalogueEntry:
         id: Unique name, such as "procedural/mug-red" or "objaverse/UID".
         source: Name of the asset's source, such as "procedural" or "kenney_food".
         name: Common noun for the object, such as "coffee mug".
-        content_hash: SHA-256 of the file's content (64 hex digits). For a generated asset, it is the asset hash. Empty
-            if the file has not been downloaded.
+        content_hash: SHA-256 of the file's content (64 hex digits). For a generated asset, this is the hash of the
+            asset. Empty if the file has not been downloaded.
         path: Absolute path of the file. Empty if the asset has no file.
         description: Free text.
         category: Kind of object. Empty if the source does not state it.

@@ -116,16 +116,16 @@ class Query:
     """Parsed search query with its possible meanings.
 
     Attributes:
-        text: The query, without words such as "find me", and without words for what the object should not have.
+        text: The query, without words such as "find me" and without words for things that the object should not have.
         concepts: Concepts for the search by words.
         readings: Sentences for the search by meaning. The first sentence is the query.
         asked: The query and the alternative descriptions that the expander returned. They are compared with the
             descriptions of the kinds of objects.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
-        words: Terms of the query, without words that say little.
+        words: Terms of the query, without uninformative words.
         colors: Colors that the query names.
         beside: Words that do not name the object itself, such as "steak" in "a plate for steak".
-        kinds: Kinds to which a variety or brand in the query belongs, such as apple for "granny smith", each with a
+        kinds: Kinds that a variety or brand in the query belongs to, such as apple for "granny smith". Each has a
             weight in (0, 1].
         is_use: Whether the query only says what the object is used for ("it opens wine"). The nouns in such a query do
             not name the object.
@@ -178,7 +178,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 @functools.cache
 def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the kinds to which each listed variety or brand belongs, such as apple for "granny smith".
+    """Return the kinds that each listed variety or brand belongs to, such as apple for "granny smith".
 
     The keys are the varieties and brands, each as a tuple of terms.
     """
@@ -229,14 +229,14 @@ def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 @functools.cache
 def _listed_words() -> frozenset[str]:
-    """Return all words that occur in the word lists. All of these words count as correctly spelled."""
+    """Return all words that occur in the word lists. All of these words are considered correctly spelled."""
     files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
     return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
 
 
 @functools.cache
 def _by_spelling() -> dict[str, frozenset[str]]:
-    """Index the listed names of objects by their spellings, including misspellings that lack one letter."""
+    """Index the listed names of objects by their spellings, including misspellings with one missing letter."""
     names = set[str]()
     for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
         lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())
@@ -256,9 +256,9 @@ def _spellings(word: str) -> list[str]:
 def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
     """Find misspelled words in a query, and return the object name that each one stands for: "cutlery" for "cutery".
 
-    An unknown word counts as misspelled if exactly one name with the same first letter is nearly equal to it. The two
-    may differ by one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted"
-    and "rubbery" are never corrected, because the lists do not contain all inflected forms.
+    An unknown word counts as misspelled if exactly one name with the same first letter is nearly the same. The two may
+    differ by one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted" and
+    "rubbery" are never corrected, because the lists do not contain all inflected forms.
     """
     known, found = _listed_words(), {}
     for written in text.lower().split():
@@ -348,7 +348,7 @@ def understood(text: str, *, expander: Expander | None = None, is_word: Callable
 
 
 def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
-    """Return the kinds to which the varieties and brands in the query belong, each with a weight.
+    """Return the kinds that the varieties and brands in the query belong to, each with a weight.
 
     The weight is 1 if the variety is itself the noun that names the object ("a green granny smith"). It is smaller if
     the variety stands before another noun, which may name a different object ("a cheddar sandwich").

@@ -123,7 +123,7 @@ def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
 
 @functools.cache
 def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return the indices of the kinds to which each attribute applies, such as "breakfast" in "breakfast crockery"."""
+    """Return the indices of the kinds that each attribute applies to, such as "breakfast" in "breakfast crockery"."""
     return hypernym_list() | _listed("~")
 
 
@@ -142,7 +142,7 @@ def _listed(mark: str) -> dict[tuple[str, ...], frozenset[int]]:
         try:
             numbers = frozenset(number_of(name) for name in members.split(","))
         except KeyError as error:
-            problem = f"hypernyms.txt names the kind {' '.join(error.args[0])!r}, which kinds.txt does not have"
+            problem = f"hypernyms.txt names the kind {' '.join(error.args[0])!r}, which is not in kinds.txt"
             raise ValueError(problem) from None
         for phrase in broader.split("="):
             found[tuple(terms(phrase))] = numbers
@@ -155,7 +155,7 @@ def _longest() -> int:
 
 
 def members_named(text: str) -> frozenset[int]:
-    """Return the kinds that a description names by a broader word ("cutlery"), or an empty set if it contains none.
+    """Return the kinds that a description names by a broader word ("cutlery"). Empty if it has no such word.
 
     The broader word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup".
     Therefore "a vegetable knife" does not mean vegetables. If the broader word and the words before it are together the
@@ -182,7 +182,7 @@ def members_named(text: str) -> frozenset[int]:
 
 
 def kind_named(text: str) -> frozenset[int]:
-    """Find the kind whose name is at the end of the noun phrase for the object: plate in "small plate under a cup".
+    """Find the kind named at the end of the noun phrase for the object, such as plate in "small plate under a cup".
 
     Return a set with the index of the kind, or an empty set if there is no such kind.
     """
@@ -227,7 +227,7 @@ def _is_named(phrase: Sequence[str], after: str) -> bool:
 
 
 def _members(phrase: Sequence[str]) -> frozenset[int]:
-    """Return the kinds of objects for which the broader word at the end of a noun phrase stands."""
+    """Return the kinds of objects that the broader word at the end of a noun phrase stands for."""
     known = hypernym_list()
     words = list(phrase)
     while words:
@@ -245,7 +245,7 @@ def _members(phrase: Sequence[str]) -> frozenset[int]:
 
 
 def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozenset[int]:
-    """Keep those kinds of a broader word to which the attributes before the word apply, as in "breakfast crockery".
+    """Filter the kinds of a broader word by the attributes before the word, as in "breakfast crockery".
 
     An attribute that applies to none of the kinds is ignored, except before a word such as "dish", since a "Mexican
     dish" is Mexican food.
@@ -264,7 +264,7 @@ def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozen
 
 
 def _narrower(words: Sequence[str], length: int) -> frozenset[int]:
-    """Return the kinds that a longer phrase names, if the words end with the phrase and it includes the broader word.
+    """Return the kinds named by a phrase at the end of the words that includes the broader word and is longer.
 
     For example, "egg holder" is longer than "holder", and "canned meat" is longer than "meat".
     """

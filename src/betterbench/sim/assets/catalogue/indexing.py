@@ -193,7 +193,7 @@ class _Vectors:
         return digest in self._places
 
     def add(self, digests: Sequence[bytes], vectors: np.ndarray) -> None:
-        """Append vectors to the file, and make sure that they are on disk."""
+        """Append vectors to the file, and make sure that they are written to disk."""
         if self._handle is None:
             raise ValueError("the journal is closed")
         lines = np.zeros(len(digests), self._line)
@@ -207,7 +207,7 @@ class _Vectors:
         self._take(lines)
 
     def of(self, digests: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the vectors (n, d) int8 and their scales (n,) for texts given by their digests."""
+        """Return the vectors (n, d) int8 and their scales (n,) of the texts with the given digests."""
         vectors = np.zeros((len(digests), self._dimension), np.int8)
         scales = np.zeros(len(digests), np.float32)
         for i, digest in enumerate(digests):
@@ -283,7 +283,7 @@ def _all_rows(store: Store) -> Iterator[tuple[int, int, CatalogueEntry]]:
 
 
 def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> None:
-    """Write the vectors of all rows, in the order of the rows, and the columns that are used for filters."""
+    """Write the vectors of all rows in row order, and the columns used for filtering."""
     values, digests, kinds = [], [], []
     for row, source, entry in _all_rows(store):
         kind = LICENSE_KINDS.index(license_kind(entry.license))
@@ -303,7 +303,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
 
 
 def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Sequence[int]) -> None:
-    """Write the kind of each row and the vectors of the kinds' texts. Missing vectors are computed."""
+    """Write the kind of each row and the vectors of the texts that describe the kinds. Missing vectors are computed."""
     listed = listed_kinds()
     texts = [(kind, text) for kind in sorted(set(rows) - {-1}) for text in listed[kind].texts]
     digests = [text_digest(text) for _, text in texts]

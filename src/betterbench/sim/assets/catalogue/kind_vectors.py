@@ -57,7 +57,7 @@ def _line(dimension: int) -> np.dtype:
 def write_kinds(
     folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """Write the files in which a catalogue stores the kinds of its objects.
+    """Write the files that store the kinds of the objects in a catalogue.
 
     Args:
         folder: Folder of the catalogue.
@@ -76,7 +76,7 @@ def write_kinds(
 
 
 class KindIndex:
-    """Index that is used to search a catalogue by kinds of objects.
+    """Index for searching a catalogue by kinds of objects.
 
     Attributes:
         rows: Index of the kind of each catalogue row, (n,) int16. -1 for rows without a kind.
@@ -193,7 +193,7 @@ class KindIndex:
         """Compare vectors (m, dimension) with the texts of each kind.
 
         Returns:
-            (m, kinds) mean of the cosines between each vector and those texts of each kind that are nearest to it.
+            (m, kinds) array. Each element is the mean cosine between a vector and the nearest texts of a kind.
         """
         cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
         nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
@@ -213,7 +213,7 @@ class KindIndex:
 
 
 def _texts_of(table: np.ndarray) -> list[str]:
-    """Look up the text for each line of a table by the digest in the line.
+    """Look up the text for each row of a table, using the digest in that row.
 
     The text is empty if the list of kinds no longer contains it.
     """
@@ -232,7 +232,7 @@ def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> li
 def _uses_of(
     kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]
 ) -> dict[tuple[str, str], list[tuple[int, int]]]:
-    """Index the statements about the uses of kinds ("you eat soup from it") by the object's role and by word stems.
+    """Index the statements about uses of kinds ("you eat soup from it") by the object's role and by word stem.
 
     Returns:
         For each role and word stem, the statements that have this role and contain this stem. Each statement is given
@@ -264,4 +264,4 @@ def _load(path: Path) -> np.ndarray:
 
 
 def _damaged(path: Path, problem: str) -> RecordError:
-    return RecordError(f"{path}: {problem}. Remove the folder and index the sources again.")
+    return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")

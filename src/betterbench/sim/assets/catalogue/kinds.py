@@ -47,7 +47,7 @@ def listed_kinds() -> tuple[Kind, ...]:
     uses: dict[str, list[str]] = {}
     for name, said in entries_by_name("uses.txt", ";"):
         if name not in known:
-            raise ValueError(f"uses.txt names the kind {name!r}, which kinds.txt does not have")
+            raise ValueError(f"uses.txt names the kind {name!r}, which is not in kinds.txt")
         uses.setdefault(name, []).extend(said)
     return tuple(Kind(tuple(names), (*said, *(u for n in names for u in uses.get(n, ())))) for names, said in blocks)
 
@@ -85,9 +85,9 @@ def kind_of(entry: CatalogueEntry) -> int:
 
 
 def kinds_named(words: Sequence[str]) -> frozenset[int]:
-    """Return the indices of the kinds whose names occur in a list of words.
+    """Return the indices of the kinds that are named in a list of words.
 
-    A name does not count if it is part of a longer name that also occurs.
+    A name is ignored if it is part of a longer name that also occurs.
     """
     spans = [(end - length, end, kind) for _, _, length, end, kind in _named(words)]
     return frozenset(
@@ -98,7 +98,7 @@ def kinds_named(words: Sequence[str]) -> frozenset[int]:
 
 
 def named_last(words: Sequence[str], *, longer_than: int = 0) -> frozenset[int]:
-    """Return a set with the index of the kind whose name is at the end of the words. The longest name is used.
+    """Return a set with the index of the kind named at the end of the words. The longest matching name is used.
 
     The set is empty if the words do not end with the name of a kind.
     """
@@ -110,8 +110,8 @@ def named_last(words: Sequence[str], *, longer_than: int = 0) -> frozenset[int]:
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
     """Yield a sort key for each name of a kind that occurs in a list of words.
 
-    The key consists of: whether the name is before any attribute, whether it is more than a color, its number of words,
-    its end position, and the index of the kind.
+    The elements of the key are: whether the name precedes all attributes, whether the name is more than a color, its
+    number of words, its end position, and the index of the kind.
     """
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))
     known, longest = _numbers(), _longest()

@@ -112,8 +112,8 @@ class Catalogue:
 
     Args:
         folder: Folder of the catalogue.
-        encoder: Function that loads an encoder by its name. It is called at the first semantic search. If None, the
-            catalogue is only searched by words.
+        encoder: Function that loads an encoder by its name. It is called when it is first needed for a semantic search.
+            If None, the catalogue is only searched by words.
 
     Raises:
         InvalidInputError: If there is no catalogue in the folder, or its indexing has not finished.
@@ -166,7 +166,9 @@ class Catalogue:
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
-        """Return the row of an asset, given its id. The id of a variant gives the row that represents all variants.
+        """Return the row of an asset, given its id.
+
+        For the id of a variant, return the row that represents all variants.
 
         Raises:
             UnknownNameError: If the catalogue has no such asset.
@@ -200,7 +202,9 @@ class Catalogue:
         words: bool = True,
         meaning: bool = True,
     ) -> list[Hit]:
-        """Return the assets that match a query best, best first. The same query always gives the same result.
+        """Return the assets that match a query most closely, starting with the best match.
+
+        Repeating a query gives the same result.
 
         Args:
             query: Description of the object in plain words.
@@ -217,7 +221,7 @@ class Catalogue:
         """
         if not query.strip() or len(query) > LONGEST_QUERY:
             raise InvalidInputError(
-                "query", f"has {len(query.strip())} characters", f"Use a query of 1 to {LONGEST_QUERY} characters"
+                "query", f"it has {len(query.strip())} characters", f"Use a query of 1 to {LONGEST_QUERY} characters"
             )
         admitted = filters or Filters()
         if admitted.source and admitted.source not in self._numbers:
@@ -237,7 +241,10 @@ class Catalogue:
         by_words: Sequence[tuple[int, float]],
         limit: int,
     ) -> list[Hit]:
-        """Return the rows with the best scores, best first. Rows with equal scores are ordered by their row number."""
+        """Return the rows with the best scores, sorted by descending score.
+
+        Rows with equal scores are sorted by row number.
+        """
         ordered = sorted(scores, key=lambda row: (-scores[row], row))[:limit]
         entries = self._store.rows(ordered)
         word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
@@ -251,7 +258,10 @@ class Catalogue:
     # -------------------------------------------------------------------------------------------------------- words
 
     def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
-        """Return the rows that contain words of the query, best first, each with the fraction of the query in it."""
+        """Return the rows that contain words of the query, starting with the best match.
+
+        Each comes with the fraction of the query's words that it contains.
+        """
         every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
         frequencies = self._store.frequencies(sorted(every))
         expression, ranked = _expression(frequencies)
@@ -272,7 +282,7 @@ class Catalogue:
     # ------------------------------------------------------------------------------------------------------ meaning
 
     def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
-        """Return the rows that are most similar to the query in meaning, most similar first.
+        """Return the rows that are most similar to the query in meaning, in order of decreasing similarity.
 
         The result contains the rows whose own text is nearest to the query, rows of the most similar kinds, and the
         rows given in ``also``.
@@ -312,7 +322,7 @@ class Catalogue:
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in ranked.tolist()}
 
     def _opened(self) -> TextEncoder:
-        """Return the text encoder of the catalogue, which is loaded at the first call."""
+        """Return the text encoder of the catalogue. It is loaded at the first call."""
         if self._encoder is None:
             if self._open_encoder is None:
                 raise ValueError("the catalogue was opened without an encoder")
@@ -346,7 +356,7 @@ class Catalogue:
 
 
 def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """Return the indices of at most ``_PER_MEMBER`` rows that pass the filters, spread evenly over all such rows."""
+    """Return the indices of at most ``_PER_MEMBER`` rows that pass the filters, evenly spaced among all such rows."""
     # if there are many rows, testing some of them is enough to find rows that pass
     places = places[:: max(1, len(places) // (16 * _PER_MEMBER))]
     passing = places if mask is None else places[mask[places]]
@@ -397,7 +407,7 @@ def _sealed(store: Store, folder: Path) -> str:
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing is still running or was interrupted"
-        raise InvalidInputError(str(folder), problem, "Run better assets index again")
+        raise InvalidInputError(str(folder), problem, "Run `better assets index` again")
     return sealed
 
 
@@ -405,11 +415,11 @@ def _dimension(store: Store) -> int:
     try:
         return int(store.fact("dimension"))
     except ValueError as error:
-        raise RecordError(f"{store.path}: is damaged. Index the sources again.") from error
+        raise RecordError(f"{store.path} is damaged. Index the sources again.") from error
 
 
 def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
-    """Return the FTS5 expression for some terms, and whether its matches are few enough to be ranked."""
+    """Return the FTS5 expression for some terms, and whether it has few enough matches to rank them."""
     ordered = sorted(frequencies, key=lambda word: (frequencies[word], word))
     chosen: list[str] = []
     total = 0
@@ -427,7 +437,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 
 @dataclass(frozen=True, slots=True)
 class _Weighed:
-    """A concept of the query, with only those phrases that occur in the catalogue.
+    """A concept of the query, reduced to the phrases that occur in the catalogue.
 
     Attributes:
         weight: Weight of the concept.

@@ -1,4 +1,4 @@
-"""SQLite file of an asset catalogue, which stores the rows of the catalogue and the words in them."""
+"""SQLite file that stores the rows of an asset catalogue and the words in them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class WordMatch:
-    """A row whose words match a query, with the values that are used to filter it.
+    """A row whose words match a query, with the values used for filtering.
 
     Attributes:
         row: Row number.
@@ -79,7 +79,7 @@ class Store:
         self.path = folder / FILE
         exists = self.path.is_file()
         if not writes and not exists:
-            raise InvalidInputError(str(folder), "has no catalogue of assets", "Run: better assets index")
+            raise InvalidInputError(str(folder), "it has no asset catalogue", "Run `better assets index`")
         with self.checked():
             mode = "rwc" if writes else "ro"
             self._database = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode={mode}", uri=True)
@@ -98,15 +98,15 @@ class Store:
             return
         self._database.close()
         if application != _APPLICATION:
-            raise RecordError(f"{self.path}: is not an asset catalogue. Use a different folder.")
+            raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
-            f"{self.path}: is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
+            f"{self.path} is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
             "index the sources again."
         )
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
-        """Context manager that converts SQLite errors to errors whose messages name the file and a remedy."""
+        """Context manager that converts SQLite errors to errors with the name of the file and a remedy."""
         try:
             yield
         except sqlite3.OperationalError as error:
@@ -248,7 +248,7 @@ class Store:
         return None if line is None else self._entry(line)
 
     def ids_like(self, text: str, limit: int) -> list[str]:
-        """Return at most ``limit`` ids that contain the given text."""
+        """Return at most ``limit`` ids that contain the given string."""
         with self.checked():
             found = self._database.execute(
                 "SELECT id FROM assets WHERE instr(id, ?) > 0 ORDER BY row LIMIT ?", (text, limit)

@@ -1,4 +1,4 @@
-"""Selection of several assets for one description, with different shapes and colors."""
+"""Select several assets with different shapes and colors for one description."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Chosen:
 def choose_different(
     catalogue: Catalogue, description: str, count: int, *, seed: int = 0, filters: Filters | None = None
 ) -> list[Chosen]:
-    """Return assets of the kind that fits a description best. They differ from each other as much as possible.
+    """Choose assets of the kind that fits a description best, so that they differ from each other as much as possible.
 
     The first asset is drawn from the best results. Each further asset is the one that differs most from the assets
     already chosen, in source, color, variant and proportions. If the description names a color, all assets have that
@@ -109,7 +109,7 @@ def _kind(entry: CatalogueEntry) -> str:
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return the color of an asset as its source states it, or else the first color word in its texts, or else ""."""
+    """Return the color given by an asset's source, or else the first color word in its texts, or else ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 
@@ -142,5 +142,5 @@ def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
 
 
 def with_look(chosen: Chosen) -> CatalogueEntry:
-    """Return the catalogue row of a chosen asset, with the id of the row replaced by the id of the chosen variant."""
+    """Return a copy of a chosen asset's catalogue row with the id of the chosen variant."""
     return replace(chosen.hit.entry, id=chosen.id)

@@ -70,9 +70,9 @@ def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Return a sketch of each vector, which has one bit per component, as a (words, n) uint64 array.
+    """Return a sketch of each vector, as a (words, n) uint64 array. A sketch has one bit per component.
 
-    A bit is set if the component of the vector is larger than that of the center of all vectors.
+    A bit is set if the component is larger than the same component of the center of all vectors.
     """
     bits = np.packbits(vectors > center, axis=1)
     padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)
@@ -182,7 +182,7 @@ class VectorIndex:
         among: np.ndarray | None = None,
         exact: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of the rows that are nearest to any of the query vectors, and their cosines, best first.
+        """Return the indices and the cosines of the rows that are nearest to any of the query vectors, nearest first.
 
         Args:
             queries: Unit vectors (m, dimension) float32.
@@ -218,7 +218,7 @@ class VectorIndex:
         return np.asarray(near * self._scales[places])
 
     def _candidates(self, queries: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return the indices of the rows whose sketches are most similar to those of the query vectors.
+        """Return the indices of the rows with the sketches that are most similar to those of the query vectors.
 
         At least ``wanted`` indices are returned for each query vector, unless fewer rows pass the filters.
         """
@@ -246,7 +246,7 @@ class VectorIndex:
     def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
         """Return at least ``wanted`` of the given row indices.
 
-        They are the rows whose sketches are most similar to the sketch of any query vector.
+        The sketches of these rows are the most similar to the sketch of any query vector.
         """
         sketches = self._sketches[:, places]
         differing = np.full(len(places), 65535, np.uint16)
@@ -273,7 +273,7 @@ def _parts(places: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _damaged(path: Path, problem: str) -> RecordError:
-    return RecordError(f"{path}: {problem}. Remove the folder and index the sources again.")
+    return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")
 
 
 def columns_of(values: Sequence[tuple[int, int, int, int, float]]) -> Columns:

@@ -38,7 +38,7 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Name by which tasks refer to the asset. If None, a name is derived from the name of the file.
+        name: Name by which tasks refer to the asset. If None, the asset is named after the file.
         color: Color word for the asset. If None, it is the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
@@ -82,7 +82,7 @@ def import_assets(
 ) -> ImportReport:
     """Import files into an asset folder.
 
-    Assets that are already there are kept. Files that cannot be imported are skipped.
+    Assets that are already in the folder are kept. Files that cannot be imported are skipped.
 
     Args:
         requests: The files to import.
@@ -107,7 +107,7 @@ def import_assets(
 
         def keep(result: object) -> None:
             if not isinstance(result, _Result):
-                raise TypeError("expected a result of this import job")
+                raise TypeError("the result was not produced by this import job")
             if result.made is None:
                 report.failed.append((_shown(result.request.path), result.problem))
                 return
@@ -153,7 +153,7 @@ class _Folder:
         """Return a name for each requested asset.
 
         If the user gave a name, it is used. Otherwise, an asset that is already in the folder keeps its name, and a new
-        asset gets a name that is derived from the name of its file.
+        asset is named after its file.
         """
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
@@ -243,7 +243,7 @@ def _listed(file: str, request: ImportRequest, made: Made, imported: Imported) -
 
 
 def _options(request: ImportRequest) -> dict[str, str | float | bool]:
-    """Return the import options that differ from their defaults, to be stored in the manifest."""
+    """Return the import options that differ from their defaults. They are stored in the manifest."""
     said = {**asdict(replace(request.wishes)), "color": request.color}
     return {key: value for key, value in said.items() if value not in (None, False)}
 
@@ -256,7 +256,7 @@ def _digest(path: Path) -> str:
 
 
 def _free_name(path: Path, taken: set[str]) -> str:
-    """Return a free name made of the words in a file name: "mug", or "my_mug" or "my_mug_2" if "mug" is taken."""
+    """Return an unused name made of the words in a file name: "mug", or "my_mug" or "my_mug_2" if "mug" is taken."""
     whole = path.absolute()
     plain = "_".join(word for word in file_words(whole, Path(whole.anchor)) if word.isascii())[:40]
     name = plain if is_asset_name(plain) else "object"

@@ -18,7 +18,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 FORMAT = 1
 """Version of the manifest format."""
 _MAX_MANIFEST_BYTES = 64 << 20
-CURE = "Import the assets again with better assets import"
+CURE = "Import the assets again with `better assets import`"
 """Remedy for a damaged folder."""
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
@@ -36,7 +36,7 @@ class FolderAsset:
         file: Name of the asset's file in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind of object, from which the size and the mass were determined. Empty if the kind is unknown.
+        kind: Kind of object. The size and the mass were determined from it. Empty if the kind is unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Manifest of an asset folder. The keys of ``assets`` are the names by which tasks refer to the assets."""
+    """Manifest of an asset folder. The keys of ``assets`` are the names that tasks use for the assets."""
 
     format: int
     assets: dict[str, FolderAsset]
@@ -109,7 +109,7 @@ def manifest_of(folder: Path) -> Manifest:
 
 
 def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
-    """Return the content of a manifest file, in which the assets are sorted by name."""
+    """Serialize a manifest, with the assets sorted by name."""
     ordered = {name: assets[name] for name in sorted(assets)}
     return _MANIFEST.dump_json(Manifest(format=FORMAT, assets=ordered), indent=1) + b"\n"
 

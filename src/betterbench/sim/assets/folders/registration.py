@@ -19,7 +19,7 @@ MAX_FILE_BYTES = 64 << 20
 
 
 def asset_folder(folder: Path | str) -> tuple[str, ...]:
-    """Register all assets in a folder that ``better assets import`` has written, and return their names.
+    """Register all assets in a folder written by ``better assets import``, and return their names.
 
     In a task file, a relative path is relative to the folder of the task file. The option ``--asset-dir`` of the
     command line has the same effect as this function.

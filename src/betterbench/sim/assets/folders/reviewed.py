@@ -1,4 +1,4 @@
-"""Writing of a new asset folder, in which the changes of a review are applied to the reviewed assets."""
+"""Write a new asset folder that contains the reviewed assets with the changes made in the review."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 
 
 def stored_asset(folder: Path, name: str) -> Imported:
-    """Read an asset from a folder, as it was imported.
+    """Read an asset from a folder, in its state after the import.
 
     Raises:
         InvalidInputError: If the folder has no such asset, or the asset's file is not the one that the manifest lists.
@@ -43,7 +43,7 @@ def stored_asset(folder: Path, name: str) -> Imported:
 def write_reviewed_folder(
     folder: Path, out: Path, changes: Mapping[str, Sequence[Change]], rejected: Collection[str] = ()
 ) -> list[str]:
-    """Write the assets of a folder to a new folder, with the changes of a review applied and without rejected assets.
+    """Copy the assets of a folder to a new folder, with the changes made in a review and without rejected assets.
 
     The same folder and changes always give the same bytes.
 

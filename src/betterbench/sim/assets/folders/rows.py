@@ -1,4 +1,4 @@
-"""Conversion of catalogue rows to requests for the job that imports assets."""
+"""Convert catalogue rows to requests for the job that imports assets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.sim.assets.licenses import license_name
 
 
 def request_of_row(entry: CatalogueEntry, given: ImportRequest | None = None) -> ImportRequest:
-    """Return the request that imports the asset of a catalogue row.
+    """Return a request to import the asset of a catalogue row.
 
     Args:
         entry: The row.

@@ -215,9 +215,9 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
-    """Return the largest depth of any point below the surface of a box with the corners (8, 3).
+    """Return how far the deepest of the points is below the surface of a box with the corners (8, 3).
 
-    For the points on a wire, it shows how much the edges of the wire are rounded.
+    For points on the surface of a wire, this depth shows how rounded the edges of the wire are.
     """
     origin = box[0]
     sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])
@@ -235,7 +235,7 @@ def _farthest(points: np.ndarray, others: cKDTree) -> float:
 
 
 def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the unit normals of triangles as an (m, 3) array. Triangles without an area get zeros."""
+    """Return the unit normals of triangles as an (m, 3) array. For a triangle without an area, the normal is zero."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])

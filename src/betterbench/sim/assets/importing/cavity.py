@@ -1,4 +1,4 @@
-"""Detection of the hollow and of the level surfaces of an object.
+"""Find the hollow and the level surfaces of an object.
 
 The hollow is the space in which water remains after the object is flooded.
 """
@@ -70,8 +70,8 @@ def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
 
     Args:
         solid: The object.
-        with_seams: Whether gaps of up to two cells, such as the seams between convex collision parts, are watertight.
-            If False, water flows out through them.
+        with_seams: Whether to treat gaps of up to two cells, such as the seams between convex collision parts, as
+            watertight. If False, water flows out through them.
     """
     tops = tops_of(solid)
     if with_seams:
@@ -171,8 +171,8 @@ def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, 
 def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
     """Return the largest level square on the floor of a hollow, as height, middle (x, y) and half the side [m].
 
-    The returned height is the one at which objects rest, since the floor of a real plate is slightly higher in the
-    middle. Returns None if no part of the floor is level.
+    The floor of a real plate is slightly higher in the middle. The returned height is therefore the one at which
+    objects rest. Returns None if no part of the floor is level.
     """
     tops = np.where(cavity.mask, cavity.tops, -np.inf)
     heights = np.arange(cavity.floor_m, cavity.floor_m + 0.35 * cavity.depth_m + _STEP_M, _STEP_M)

@@ -157,7 +157,7 @@ def answer_imports(finish: Callable[[Imported], Imported]) -> None:
     """Import the objects that the parent process requests. This function runs in the child process.
 
     Args:
-        finish: Final step of an import, which is applied to each imported object.
+        finish: Function for the final step of an import. It is applied to each imported object.
     """
     answers = functools.partial(_answers, finish=finish)
     answer_requests(answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)

@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.paint import PALETTE
 def color_word(parts: Sequence[VisualPart | CollisionPart]) -> str:
     """Return the color word, such as "red", that covers the largest part of the visible surface.
 
-    Each part of the surface gets the word from the palette whose color is nearest in CIELAB.
+    Each part of the surface is assigned the palette word with the nearest color in CIELAB.
     """
     words = list(PALETTE)
     palette = _lab(np.array([PALETTE[word] for word in words]))

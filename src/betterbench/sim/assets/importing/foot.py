@@ -1,4 +1,4 @@
-"""Flat foot under an object that keeps it from rolling. The procedural library gives its fruit such a foot as well."""
+"""Flat foot that keeps an object from rolling. The fruit in the procedural library stands on such a foot, too."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | 
 
 
 def returns_upright(corners: np.ndarray, center: np.ndarray) -> bool:
-    """Return whether an object would return upright from every lean of up to 12 degrees.
+    """Return whether an object would right itself after being tilted by up to 12 degrees in any direction.
 
     Args:
         corners: (n, 3) corners of the object's collision shape [m], with z up.

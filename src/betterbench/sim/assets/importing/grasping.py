@@ -64,7 +64,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return the heights of the center of the pads at which grasps are tried, lowest first [m]."""
+    """Return the heights of the pads' center at which grasps are tried [m], starting with the lowest."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -74,7 +74,9 @@ def _heights(top: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Squares:
-    """Horizontal grid of squares, aligned with the closing direction of the fingers, and the square of each cell.
+    """Horizontal grid of squares that is aligned with the closing direction of the fingers.
+
+    It maps each cell to a square.
 
     Attributes:
         yaw: Angle of the gripper about the vertical [rad].
@@ -105,7 +107,7 @@ def _squares(centers: np.ndarray, pitch: float, yaw: float) -> _Squares:
 
 
 def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, height: float) -> Iterator[Proposal]:
-    """Yield the grasps at the given height whose fingers close along the direction of the grid."""
+    """Yield the grasps at the given height for which the fingers close along the grid."""
     (low_u, low_v), along, across = squares.low, squares.along, squares.across
     near = np.abs(z - height) < PAD_HALF_HEIGHT_M
     slab = _grid(squares, near, pitch)
@@ -140,10 +142,12 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 
 
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
-    """Yield all runs of blocked squares that fit between the fingers and that the pads would touch, column by column.
+    """Yield all runs of blocked squares that fit between the fingers and would be touched by the pads.
 
-    Each run is given by its column, its first row, the row after its last row, and the free space [m] beside it. The
-    free space is measured on the side where it is narrower. All squares beyond the grid count as free.
+    The order is column by column.
+
+    Each run is given by its column, its first row, the row after its last row, and the free space [m] on its narrower
+    side. All squares beyond the grid count as free.
     """
     rows, columns = blocked.shape
     framed = np.zeros((columns, rows + 2), dtype=bool)
@@ -213,8 +217,8 @@ def _grid(squares: _Squares, which: np.ndarray, pitch: float) -> np.ndarray:
 def _any_near(grid: np.ndarray, half: int) -> np.ndarray:
     """Return, for each square, whether any square at most ``half`` columns away is True.
 
-    Squares beyond the grid count as False. The function uses differences of cumulative sums, which take a tenth of the
-    time of a reduction over each window.
+    Squares beyond the grid count as False. The function uses differences of cumulative sums, which are ten times as
+    fast as a reduction over each window.
     """
     rows, columns = grid.shape
     sums = np.zeros((rows, columns + 2 * half + 1), dtype=np.int32)

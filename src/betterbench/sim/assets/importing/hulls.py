@@ -1,7 +1,7 @@
 """Collision shape of an object, made of convex hulls.
 
-A solid object gets a single hull or a convex decomposition. A hollow object gets hulls for its floor and for sectors of
-its wall, so that the hollow stays open.
+A solid object has a single hull or a convex decomposition. A hollow object has separate hulls for its floor and for
+sectors of its wall, so that the hollow stays open.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def convex_hulls(
     Args:
         solid: Cells of the object and points on its surface.
         surface: (n, 3) vertices [m] and (m, 3) faces.
-        cavity: Hollow of the object, which the shapes leave open, or None if the object has no hollow.
+        cavity: Hollow of the object, or None if the object has none. The shapes leave the hollow open.
 
     Returns:
         The vertices of each convex shape as an (n, 3) array [m], and the fit of all shapes together.
@@ -99,7 +99,7 @@ def convex_hulls(
 
 
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
-    """Return the convex hulls of a hollow object, using the division of its floor and walls that fits best.
+    """Return the convex hulls of a hollow object. Its floor and walls are divided in the way that fits best.
 
     The default is a division into bands. A base with walls on it is also tried if the floor is thick (as in a plate
     with a foot) or if the bands fill the hollow (as in a wide shallow tray). Rings are also tried if the other hulls
@@ -126,7 +126,7 @@ def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
 
 
 def _misfit(fit: Fit) -> float:
-    """Return the cost of a fit [m], which is larger for a worse fit.
+    """Return the cost of a fit [m]. A worse fit has a higher cost.
 
     Missing collision geometry has a higher cost than collision geometry outside the surface.
     """
@@ -221,8 +221,8 @@ def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
     """Return the hulls of the floor and the walls of a hollow object.
 
     The surface is seen from a focal point in the middle of the opening. The angle between straight down and the
-    direction to a surface point grows along the profile, from the floor to the rim. Bands of this angle are therefore
-    pieces of the floor and of the wall, and each piece is nearly straight.
+    direction to a surface point grows along the profile, from the floor to the rim. If the surface is divided into
+    bands by this angle, each band is a nearly straight piece of the floor or the wall.
     """
     _, _, half_x, half_y = columns_box(solid, cavity.mask)
     radius = np.hypot(*(body.points[:, :2] - body.center).T)
@@ -296,7 +296,7 @@ def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> f
 
 
 def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
-    """Return the smallest wall thickness, in cells, at which the wall around a hollow has a mostly closed rim."""
+    """Return the smallest wall thickness, in cells, for which the rim of the wall around a hollow is mostly closed."""
     structure = ndimage.generate_binary_structure(2, 2)
     grown = mask
     for thickness in range(1, 16):
@@ -376,7 +376,7 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
 
 
 def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
-    """Return a mask (k,) of the points that are inside a convex hull, more than ``depth`` below its surface [m]."""
+    """Return a mask (k,) of the points that are inside a convex hull, at a depth of more than ``depth`` [m]."""
     corners = hull.points[hull.vertices]
     inside = np.ones(len(points), dtype=bool)
     for axis in range(3):  # by columns: five times as fast as a reduction of rows of three
@@ -391,7 +391,7 @@ def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarra
 
 
 def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
-    """Return the hulls of parts that are attached to the outside of a wall, such as handles, spouts and feet."""
+    """Return the hulls of the parts attached to the outside of a wall, such as handles, spouts and feet."""
     labels, count = ndimage.label(rest, ndimage.generate_binary_structure(3, 3))
     at = solid.index(solid.points)
     of = labels[tuple(at.T)]
@@ -404,7 +404,10 @@ def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
 
 
 def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
-    """Repeatedly cut a set of points where this saves the most volume, and return the convex hulls of the parts."""
+    """Repeatedly cut a set of points where this reduces the volume of the hulls most.
+
+    Return the convex hulls of the parts.
+    """
     parts, gains = [points], [_best_cut(points)]
     while len(parts) < most:
         which = int(np.argmax([gain for gain, _ in gains]))
@@ -418,7 +421,7 @@ def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
 
 
 def _best_cut(points: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray] | None]:
-    """Find the axis-aligned cut through points that saves the most volume.
+    """Find the axis-aligned cut through points that reduces the total volume of their convex hulls most.
 
     Returns:
         The saved volume [m^3], and the points on the two sides of the cut. If no cut saves volume, the saved volume is
@@ -499,7 +502,7 @@ def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
 
 
 def _distances(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Return the distance of each selected point to the nearest point in ``to``, (k,) [m].
+    """Return the distance (k,) of each selected point to the nearest point in ``to`` [m].
 
     The distance of a point that is not selected is set to 0.
     """

@@ -65,7 +65,7 @@ class Wishes:
     """Options of an import. The importer chooses a value for each option that is None.
 
     Attributes:
-        name: Name or description from which the kind of object is determined. If None, the name of the file is used.
+        name: Name or description that determines the kind of object. If None, the name of the file is used.
         size_m: Longest side of the object [m].
         mass_kg: Mass of the object [kg].
         up: Axis of the file's frame that points up: x, y, z, -x, -y or -z.
@@ -91,8 +91,8 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     Args:
         path: The mesh, URDF or MJCF file.
         wishes: Options of the import.
-        files: Resolver that opens the files to which the file refers and records them. If None, a resolver for the
-            file's folder is created.
+        files: Resolver that opens and records the files that the file refers to. If None, a resolver for the file's
+            folder is created.
 
     Raises:
         InvalidInputError: If the file cannot be read, or does not contain an object of tabletop size.
@@ -167,7 +167,7 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
 def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
     """Scale a mesh to meters and set it upright.
 
-    For a URDF or MJCF file, use the unit and the up axis that the file states.
+    For a URDF or MJCF file, use the unit and the up axis stated in the file.
     """
     if raw.stated is None:
         return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
@@ -180,7 +180,7 @@ def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Plac
 
 
 def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[Body, tuple[str, ...]]:
-    """Return the mass properties of an object, and notes that say where their values come from."""
+    """Return the mass properties of an object, and notes on where the values come from."""
     mass, said = _mass(placed, kind, longest, wishes)
     body, notes = stated_body(placed, wishes.mass_kg)
     if body is not None:
@@ -245,7 +245,7 @@ def collision_part(corners: np.ndarray) -> CollisionPart:
 
 
 def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
-    """Return the regions of an object that tasks refer to.
+    """Return the named regions of an object, for use in tasks.
 
     Every object has a base. A hollow object also has an opening, an inside and a rim. If its floor is level, it has a
     floor and, if it is shallow like a plate, a top. An object without a hollow has a top if it has a level surface.

@@ -1,4 +1,4 @@
-"""Usual size, mass and use of each kind of object, which determine the scale, mass and pose of imported meshes."""
+"""Usual size, mass and use of each kind of object. They determine the scale, mass and pose of imported meshes."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _kinds_by_first_word() -> dict[str, list[tuple[tuple[str, ...], Kind]]]:
     """Index all names of all kinds by the singular and plural forms of their first word.
 
     Returns:
-        For each form of a first word, the words of each name that begins with it, and the kind with that name.
+        For each form of a first word, all names that begin with this word (as words), each with its kind.
     """
     found: dict[str, list[tuple[tuple[str, ...], Kind]]] = {}
     for kind in kinds():

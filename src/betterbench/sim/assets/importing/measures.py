@@ -1,4 +1,4 @@
-"""Measurements of a finished asset, such as gaps between its parts, or the visible fraction of back-facing surface."""
+"""Measurements of a finished asset, such as gaps between its parts, or how much back-facing surface is visible."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(part: CollisionPart) -> np.ndarray:
-    """Return (n, 3) points in the object's frame [m] whose convex hull is (approximately) the given collision part."""
+    """Return (n, 3) points [m] in the object's frame. Their convex hull is (approximately) the given collision part."""
     a, b, c = part.size
     if part.shape == "hull":
         if part.vertices is None:
@@ -216,7 +216,7 @@ def _between(one: cKDTree, other: cKDTree) -> float:
 
 
 def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the fraction of an object's image that shows back-facing surface, which a renderer would not draw.
+    """Return the fraction of an object's image in which the nearest surface faces away and would not be drawn.
 
     The fraction is the mean over eight views around the object, from 35 degrees above the horizon. Cameras usually see
     objects on a table from similar angles.

@@ -1,4 +1,4 @@
-"""Reading of untrusted mesh files: GLB, glTF, OBJ, STL and PLY.
+"""Reader for untrusted mesh files: GLB, glTF, OBJ, STL and PLY.
 
 Files are read with trimesh. Every file that the mesh file refers to must be in the folder of the mesh file. URLs,
 references to other folders, and links that lead out of the folder raise an error.
@@ -68,7 +68,7 @@ _READABLE_EXTENSIONS = frozenset(
 
 
 class FolderResolver(trimesh.resolvers.Resolver):
-    """Resolver that opens the files to which a mesh file refers. It only opens files in the folder of the mesh file.
+    """Resolver that opens the files that a mesh file refers to. It only opens files in the folder of the mesh file.
 
     The first error is kept in ``problem``, because trimesh silently drops a material whose file it cannot read.
 
@@ -165,7 +165,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         )
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
-        """Return this resolver, because the file names that trimesh requests already include the subfolder."""
+        """Return this resolver, because trimesh already includes the subfolder in the file names that it requests."""
         return self
 
 
@@ -199,8 +199,8 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
     Args:
         path: The mesh file.
-        files: Resolver that opens the files to which the mesh file refers and records them. If None, a resolver for the
-            mesh file's folder is created.
+        files: Resolver that opens and records the files that the mesh file refers to. If None, a resolver for the mesh
+            file's folder is created.
 
     Raises:
         InvalidInputError: If the file cannot be read, has no triangles, or refers to a file outside its folder.
@@ -293,7 +293,7 @@ def _without_unused_textures(data: bytes, used: frozenset[str] | None) -> bytes:
 
 
 def _texture_file(name: str, where: str) -> str:
-    """Return the file name of a texture in an MTL file, without the options that stand before the name.
+    """Return the file name of a texture in an MTL file, without the options before the name.
 
     Raises:
         InvalidInputError: If an option scales or shifts the texture, which is not supported.
@@ -308,7 +308,7 @@ def _texture_file(name: str, where: str) -> str:
 
 
 def _stated_triangles(data: bytes) -> int:
-    """Return the number of triangles that the header of a binary STL file states, or 0 for any other file."""
+    """Return the number of triangles given in the header of a binary STL file, or 0 for any other file."""
     header = 84
     if len(data) < header:
         return 0
@@ -487,7 +487,7 @@ def _opacity(alpha: float, material: Any) -> float:  # noqa: ANN401 - a material
 def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
     """Return the (n, 3) vertex colors in [0, 1] of a mesh from a glTF file, or None if the mesh has no vertex colors.
 
-    The color of the material is multiplied by them.
+    glTF multiplies the color of the material by the vertex colors.
     """
     colors = np.asarray(mesh.visual.vertex_attributes.get("color", ()))
     if colors.shape[:1] != (len(mesh.vertices),) or colors.ndim != 2 or colors.shape[1] < 3:

@@ -1,8 +1,9 @@
-"""Reader of MJCF files. MuJoCo compiles the file, and all bodies in it are merged into one rigid body.
+"""Reader for MJCF files. MuJoCo compiles the file, and all bodies in it are merged into one rigid body.
 
-The XML document is checked before MuJoCo parses it. File names are then replaced in it, and MuJoCo gets the meshes and
-textures as bytes that the resolver has read. A malicious file can crash or hang MuJoCo's parser and compiler, which are
-written in C++. Therefore an untrusted file is only read in a process with limited time and memory (``child``).
+The XML document is checked before MuJoCo parses it. The file names in it are then replaced, the resolver reads the
+meshes and textures, and their contents are passed to MuJoCo as bytes. A malicious file can crash or hang MuJoCo's
+parser and compiler, which are written in C++. Therefore an untrusted file is only read in a process with limited time
+and memory (``child``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Reader of a file that contains one object: a mesh, or a rigid body in a URDF or MJCF file."""
+"""Reader for files that contain one object: a mesh, or a rigid body in a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -57,4 +57,4 @@ def _require_plain(root: ET.Element, where: str) -> None:
             raise InvalidInputError(where, problem, f"Remove the element {tag}, which a passive object does not need")
         if ":" in tag:
             problem = f"it has the macro {one_line(tag, most=60)}"
-            raise InvalidInputError(where, problem, "Expand it first, with xacro FILE > object.urdf")
+            raise InvalidInputError(where, problem, "Expand it first with `xacro FILE > object.urdf`")

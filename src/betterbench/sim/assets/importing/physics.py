@@ -1,4 +1,4 @@
-"""Physical properties that a URDF or MJCF file states, which are only used if they fit the visual shape."""
+"""Physical properties stated in a URDF or MJCF file. They are only used if they fit the visual shape."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Body:
 
 
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
-    """Return the mass, center of mass and inertia that the file states, with notes.
+    """Return the mass, center of mass and inertia stated in the file, and notes about them.
 
     If the mass is missing or implausible, None is returned instead of mass properties. If the stated center of mass is
-    outside the object or not above its base, the center and the inertia are those of a solid body of this shape. The
-    inertia of a solid body is also used if only the stated inertia does not fit the shape.
+    outside the object or not above its base, the center and the inertia of a solid body of this shape are used instead.
+    If only the stated inertia does not fit the shape, only the inertia is replaced.
 
     Args:
         placed: The object.
@@ -79,7 +79,7 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
 
 
 def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
-    """Return whether the center of mass is above the area on which the object stands."""
+    """Return whether the center of mass is above the base of the object."""
     solid = placed.solid
     base = solid.points[solid.points[:, 2] < 1.5 * solid.pitch_m][:, :2]
     return depth_in_hull(center[:2], base) > 0.0
@@ -96,7 +96,7 @@ def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
 
 
 def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Return the corners of the collision shapes that the file states [m], and notes about them.
+    """Return the corners of the collision shapes in the file [m], and notes about them.
 
     The list is empty if the collision shapes do not fit the object. They fit if their distance from the visible surface
     is at most 3 mm or 3 % of the object's size, and if they leave the hollow of the object open.

@@ -1,4 +1,4 @@
-"""Rewriting of glTF features that trimesh would drop without a message.
+"""Rewrite glTF features that trimesh would silently drop.
 
 The features are replaced by plain nodes, triangles and texture coordinates that look the same. This is done for skins
 in their rest pose, triangle fans, quantized positions and texture coordinates, texture transforms, additional sets of
@@ -92,8 +92,8 @@ def _without_gloss(form: Form) -> bool:
     """Use the diffuse color of glossy materials as their base color. Return whether the file has glossy materials.
 
     A glossy material uses an extension of glTF (specular-glossiness) in place of the usual metallic material. trimesh
-    does not read the color factor in this extension. If the extension contains only a texture, trimesh does not read it
-    either.
+    ignores the color factor in this extension. If the extension has a texture but no factor, trimesh ignores the
+    texture as well.
     """
     glossy = [material for material in form.get("materials", []) if _GLOSS in material.get("extensions", {})]
     for material in glossy:
@@ -188,7 +188,7 @@ def _plain_surface(document: _Document, surface: Form) -> bool:
 
 
 def _plain_coordinates(document: _Document, surface: Form) -> bool:
-    """Apply the texture transform of the base color, and store its texture coordinates as the first set of the surface.
+    """Apply the texture transform of the base color, and make its texture coordinates the first set.
 
     Returns:
         Whether the surface has changed.
@@ -210,7 +210,7 @@ def _plain_coordinates(document: _Document, surface: Form) -> bool:
 
 
 class _Document:
-    """A glTF file whose buffers are joined into one sequence of bytes, to which new values can be appended."""
+    """A glTF file with all buffers joined into one, so that new values can be appended."""
 
     def __init__(self, form: Form, data: bytes, read: Callable[[str], bytes]) -> None:
         self.form = form

@@ -65,13 +65,13 @@ class RawPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stated:
-    """Physical properties that a URDF or MJCF file states for an object, in the frame and the unit of the mesh.
+    """Physical properties of an object stated in a URDF or MJCF file, in the frame and the unit of the mesh.
 
     Attributes:
         mass_kg: Mass, or None if the file does not state it.
         center: (3,) float64 center of mass.
         inertia: (3, 3) float64 inertia tensor about the center of mass [kg unit^2].
-        hulls: Points (n, 3) of each collision shape, which is the convex hull of its points. Empty if there are no
+        hulls: Points (n, 3) of each collision shape. The shape is the convex hull of the points. Empty if there are no
             collision shapes.
         name: Name of the model. Empty if the model has no name.
         notes: What the reader decided about the file.
@@ -100,7 +100,7 @@ class RawMesh:
     Attributes:
         up: Axis that points up according to the file format. None if the format does not define one.
         unit_m: Length of one unit [m] according to the file format. None if the format does not define it.
-        stated: Physical properties that a URDF or MJCF file states, or None for a file that contains only a mesh.
+        stated: Physical properties stated in a URDF or MJCF file. None for a file that contains only a mesh.
     """
 
     parts: tuple[RawPart, ...]

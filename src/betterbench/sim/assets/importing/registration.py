@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import loading_folder
 
 @dataclass(frozen=True, slots=True)
 class MeshImport:
-    """Mesh file that is registered as a category of assets, with the options of its import."""
+    """Mesh file that is registered as a category of assets, with its import options."""
 
     category: str
     path: Path
@@ -54,7 +54,7 @@ def imported(
 ) -> None:
     """Register the object in a file as a category of assets. The file is imported when the category is first built.
 
-    All variants of the category are this one object. In a task file, a relative path is relative to the folder of the
+    All variants of the category are the same object. In a task file, a relative path is relative to the folder of the
     task file.
 
     Args:
@@ -64,8 +64,8 @@ def imported(
         name: Name or description that determines the kind of object ("coffee mug"). If None, the category is used.
         size_m: Longest side [m]. If None, it is determined from the unit of the file format and the usual sizes of this
             kind of object.
-        mass_kg: Mass [kg]. If None, it is the mass that the file states, or else the usual mass of this kind at this
-            size.
+        mass_kg: Mass [kg]. If None, the mass stated in the file is used, or else the usual mass of an object of this
+            kind and size.
         up: Axis of the file's frame that points up. If None, it is determined from the file format or from the most
             stable pose.
         license: License of the mesh, shown in lists of sources.
@@ -74,8 +74,8 @@ def imported(
         any_license: Whether restricted and unknown licenses are allowed.
         freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
         keeps_upright: Whether the object, such as a cup with a drink, must not lie on its side in a container.
-        review: Review file written by ``better review``, whose accepted changes are applied. If the object was rejected
-            or has no verdict, the first build of the category raises an error.
+        review: Review file written by ``better review``. The accepted changes in it are applied. If the object was
+            rejected or has no verdict, the first build of the category raises an error.
 
     Raises:
         InvalidInputError: If an asset with this name exists, or if the license is not free and ``any_license`` is

@@ -1,4 +1,4 @@
-"""Rigid bodies of URDF and MJCF files: poses, meshes of primitive shapes, and the combined mass of several parts."""
+"""Rigid bodies in URDF and MJCF files: poses, meshes of primitive shapes, and the combined mass of several parts."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class Solid:
 
     Attributes:
         cells: (nx, ny, nz) bool, True for the cells that the object occupies. The outermost layer of cells is empty.
-        surface: (nx, ny, nz) bool, True for the cells through which the surface passes.
+        surface: (nx, ny, nz) bool, True for the cells that the surface passes through.
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
         points: (k, 3) points spread evenly over the surface [m].
@@ -45,7 +45,7 @@ class Solid:
         return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) cell indices of points [m]. Points outside the grid get the nearest cell."""
+        """Return the (k, 3) cell indices of points [m]. For a point outside the grid, the nearest cell is returned."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
         return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 
@@ -130,7 +130,7 @@ def _sum_of_products(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> Solid:
-    """Return the solid that is bounded by a surface, on a grid with ``grid`` cells along the longest side.
+    """Return the solid bounded by a surface, on a grid with ``grid`` cells along the longest side.
 
     Args:
         vertices: (n, 3) positions [m].
@@ -176,7 +176,7 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the center of mass and the inertia of a body of uniform density that fills the cells of a solid.
+    """Return the center of mass and the inertia of a solid, assuming uniform density.
 
     The center is a (3,) array [m]. The inertia is a (3, 3) tensor about the center of mass [kg m^2]. A cell that the
     surface passes through counts as half full.

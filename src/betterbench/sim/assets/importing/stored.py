@@ -113,7 +113,7 @@ _UNREADABLE = (
 
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays in an archive. The sizes that the archive states are checked before anything is unpacked."""
+    """Return the arrays in an archive. The sizes declared in the archive are checked before anything is unpacked."""
     if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
         raise ValueError("the file does not begin with the signature of an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -1,4 +1,4 @@
-"""Scale and orientation of an imported mesh: its up axis, the length of its unit, and its origin."""
+"""Find the scale and orientation of an imported mesh: its up axis, its unit of length, and its origin."""
 
 from __future__ import annotations
 
@@ -74,9 +74,8 @@ def place(
         mesh: The mesh in the frame of its file.
         kind: Kind of the object, or None if the kind is not known.
         where: Name of the file, for messages.
-        up: Axis of the file's frame that points up. If None, the axis is determined from the file format, from the
-            hollow of an open object, from the usual pose of its kind (bottles stand, forks lie), or from the most
-            stable pose.
+        up: Axis of the file's frame that points up. If None, the axis is determined from the file format, the hollow of
+            an open object, the usual pose of its kind (bottles stand, forks lie), or the most stable pose.
         size_m: Longest side [m]. If None, the unit of the file format is used if the resulting size is plausible for
             this kind. Otherwise, another common unit with a plausible size is used. If there is none, the object gets
             the typical size of its kind.
@@ -96,7 +95,7 @@ def place(
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the axis of the file's frame that points up, and notes that explain the choice."""
+    """Return the axis of the file's frame that points up, and notes explaining the choice."""
     if up is not None:
         return up, ()
     axis, cavity, notes = _by_rule_or_hollow(sized, kind)
@@ -108,7 +107,7 @@ def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tu
 
 
 def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
-    """Return the axis that must point up so that an object of a tall kind stands, or one of a flat kind lies flat.
+    """Return the axis that must point up so that a tall kind of object stands, or a flat kind of object lies flat.
 
     Returns None if this is already the case with the given axis, or if the kind is neither tall nor flat.
     """
@@ -135,7 +134,7 @@ def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
 
 
 def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity | None, tuple[str, ...]]:
-    """Find the axis that points up from the file format, or from the hollow of an object that is open at the top.
+    """Determine which axis points up, using the file format or the hollow of an object that is open at the top.
 
     Returns:
         The axis, the hollow (None if the object has none, or if it does not matter), and notes that explain the choice.
@@ -171,9 +170,9 @@ def _at_rest(
 ) -> tuple[RawMesh, Solid, Cavity | None, float]:
     """Turn an object to the nearest stable pose, if it is at most ``most`` [rad] away from the current pose.
 
-    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held, and
-    would roll in every scene if it was not turned. The search is repeated after each rotation, because the simplified
-    hull of the object then has different corners.
+    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held
+    during the scan, and would otherwise roll in every scene. The search is repeated after each rotation, because the
+    simplified hull of the object then has different corners.
 
     Returns:
         The turned mesh, its solid, its hollow, and the angle by which it was turned [rad].
@@ -198,8 +197,8 @@ def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
     """Find the nearest face of the convex hull on which the object could stand without tipping over.
 
     Returns:
-        The angle [rad] and the matrix of the rotation that turns this face down to the table, or None if no such face
-        is near enough.
+        The angle [rad] and the matrix of the rotation that turns this face down to the table. None if no such face is
+        near enough.
     """
     middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)
@@ -271,10 +270,10 @@ def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavi
 
 
 def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) -> tuple[float, ...]:
-    """Return a sort key for poses, which is largest for the pose that is most likely to be upright.
+    """Return a sort key for poses. The pose that is most likely to be upright has the largest key.
 
-    If objects of this kind have an opening at the top, the size of the hollow counts first. The stability of the pose
-    counts next.
+    If objects of this kind have an opening at the top, the key compares the size of the hollow first. It then compares
+    the stability of the pose.
     """
     water = 0.0
     if kind is not None and kind.is_open and cavity is not None:

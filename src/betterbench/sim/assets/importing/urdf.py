@@ -1,4 +1,4 @@
-"""Reader of URDF files. All links in a file are merged into one rigid body."""
+"""Reader for URDF files. All links in a file are merged into one rigid body."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ class _Reader:
         return self._meshes[name].moved(np.diag([*scale, 1.0])).parts
 
     def _inside(self, name: str) -> str:
-        """Return the path for a file name in the URDF file, relative to the folder of the URDF file."""
+        """Convert a file name in the URDF file to a path relative to the folder of the URDF file."""
         scheme, separator, rest = name.partition("://")
         if not separator:
             return name

@@ -21,7 +21,7 @@ def _painted_wood(
     """Draw painted wood with wavy annual rings and grain.
 
     ``waves`` gives the number of annual rings, and the height and the number of the waves in each ring. ``rings`` is
-    the strength of the rings, ``amount`` that of the grain, and ``cells`` the number of fibers.
+    the strength of the rings, ``amount`` is the strength of the grain, and ``cells`` is the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves
@@ -94,7 +94,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a solid painted wooden block with the length, width and height of a stapler, but without a gap or metal.
 
     The paint is worn off along the edges and at the ends, so that bare wood shows. At this size, a block of beech (700
-    kg/m^3) would weigh 0.15 to 0.19 kg. This block weighs as much as a stapler (0.2 to 0.25 kg), as if it were of
+    kg/m^3) would weigh 0.15 to 0.19 kg. This block weighs as much as a stapler (0.2 to 0.25 kg), as if it were made of
     denser wood. It therefore differs from a stapler only in appearance.
     """
     length, width, height = stapler_size(rng)

@@ -139,7 +139,7 @@ _LIDS: dict[str, Rgb] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.2
 def jam_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a jar of jam with a screw lid and a label. The color word is the color of the jam.
 
-    A full 0.12 l jar weighs about 0.25 kg. The mass of larger and smaller jars is in proportion to their volume.
+    A full 0.12 l jar weighs about 0.25 kg. For other sizes, the mass is proportional to the volume.
     """
     size, height, lid_height = uniforms(rng, (0.86, 1.0), (0.060, 0.074), (0.012, 0.017))
     radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))

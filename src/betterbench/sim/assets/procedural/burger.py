@@ -65,7 +65,7 @@ def _patty(rng: np.random.Generator, radius: float, low: float, high: float) -> 
 
 
 def _cheese(rng: np.random.Generator, radius: float, z: float) -> Mesh:
-    """Return the mesh of a square slice of cheese, whose molten corners hang over the patty."""
+    """Return the mesh of a square slice of cheese with molten corners that hang over the patty."""
     turn, droop, thickness = rng.uniform(0.0, math.pi / 2.0), rng.uniform(0.005, 0.008), 0.0022
     angle = turn + 2.0 * math.pi * np.arange(16) / 16
     cornerness = np.tile([0.0, 0.42, 1.0, 0.42], 4)

@@ -39,7 +39,7 @@ def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
 
 
 def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.ndarray:
-    """Return (n, 2) points on a rounded rectangle around the origin, at equal angles [m].
+    """Return (n, 2) points [m] on a rounded rectangle around the origin, at equally spaced angles.
 
     A ``roundness`` of 2 gives an ellipse. Larger values give a more rectangular shape.
     """
@@ -158,7 +158,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
     """Make a thick slice of smooth, glossy cheese with a few large round holes. Some holes are at its edge.
 
-    A solid piece of cheese of 64 x 62 x 14 mm weighs 60 g (1080 kg/m^3). A fifth of this slice is holes.
+    A solid piece of cheese of 64 x 62 x 14 mm weighs 60 g (1080 kg/m^3). Holes make up a fifth of this slice.
     """
     length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)
@@ -290,7 +290,9 @@ def _leaf(
     ruffles: int,
     pointed: float,
 ) -> Mesh:
-    """Return one leaf along x. ``half`` is half its length and width, and its blade is between the two heights [m].
+    """Return one leaf along x.
+
+    ``half`` gives half its length and half its width. Its blade is between the two heights [m].
 
     The edge of the leaf swings by ``wave`` [m] about its middle height. ``pointed`` makes the leaf narrower toward -x.
     """

@@ -19,8 +19,8 @@ def can(rng: np.random.Generator, color: str) -> Draft:
     """Make a full beverage can.
 
     Cans have a diameter of 66 mm and a height of 115 mm (330 ml), 58 mm and 134 to 146 mm (330 ml, sleek), 53 mm and
-    122 to 134 mm (250 ml, slim), or about 60 mm and 86 mm (200 ml). The mass of a can is that of 13 g of aluminum and
-    of the drink, which has a density of 1 kg/l and fills 86 % of the can's bounding cylinder.
+    122 to 134 mm (250 ml, slim), or about 60 mm and 86 mm (200 ml). A can consists of 13 g of aluminum and the drink.
+    The drink has a density of 1 kg/l and fills 86 % of the can's bounding cylinder.
     """
     size, radius, height = SIZES[int(rng.choice(4, p=(0.4, 0.2, 0.2, 0.2)))]
     height, shoulder = height * rng.uniform(0.960, 1.045), rng.uniform(0.008, 0.019)
@@ -30,7 +30,10 @@ def can(rng: np.random.Generator, color: str) -> Draft:
     scale = radius / 0.033
 
     def on_lid(a: float, b: float, x: float, thickness: float) -> Mesh:
-        """Return a flat ellipse on the lid. The given sizes are for a can of 66 mm and are scaled to this can."""
+        """Return a flat ellipse on the lid.
+
+        The given sizes apply to a can 66 mm in diameter and are scaled to this can.
+        """
         outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.zeros(10)], axis=1) * scale
         outline[:, 2] = top - 0.0004
         return prism([outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])])

@@ -172,7 +172,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
 def _lather(rng: np.random.Generator, length: float, width: float, height: float, *, count: int) -> Mesh:
     """Return a heap of lather on one end of the bar.
 
-    The lather runs from the top over the edge of the bar, at a distance from the point where the bar is grasped.
+    The lather runs from the top over the edge of the bar, but does not reach the point where the bar is grasped.
     """
     end, side = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
     lumps = []

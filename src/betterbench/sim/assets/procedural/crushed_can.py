@@ -83,7 +83,10 @@ def _bent(crush: _Crush, along: float) -> tuple[float, float, float]:
 
 
 def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return collision boxes for the waist and the two ends of the can. Between them is room for the finger pads."""
+    """Return collision boxes for the waist and the two ends of the can.
+
+    Between the boxes, there is room for the finger pads.
+    """
     turn, wide = 0.5 * abs(crush.bend), 0.86 * _RADIUS
     # The inner corner of an end, turned toward the waist, stays clear of a finger 22 mm wide.
     free = (0.0165 + wide * math.sin(turn)) / math.cos(turn)

@@ -95,18 +95,18 @@ def _piece(
     sizes: Mapping[str, float],
     rim: CollisionPart | None = None,
 ) -> Draft:
-    """Return the draft of a piece of cutlery, which consists of the given head and a handle.
+    """Return the draft of a piece of cutlery made of the given head and a handle.
 
     Args:
         rng: Random generator for the handle.
         name: Color and kind, such as "silver fork".
         metal: Color of the metal.
         head: Visual parts of the head.
-        reach: Half the width with which the head rests on the table [m].
-        head_end: Position along x at which the head leaves the table [m].
+        reach: Half the width of the part of the head that touches the table [m].
+        head_end: Position along x at which the head stops touching the table [m].
         sizes: Parameters of the head, which are stored in the asset.
-        rim: Collision shape of the part of the head that is above the table and wider than the part on the table. None
-            if there is no such part.
+        rim: Collision shape of the raised part of the head, if it is wider than the part that touches the table.
+            Otherwise None.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]

@@ -1,10 +1,11 @@
 """Generators of a desk cabinet for two drawers, and of its drawers.
 
-Each drawer has a handle that can be grasped from above. The cabinet and the two drawers are separate assets. A scene
-connects each drawer to the carcass of the cabinet by a slide joint along +x, whose frame is a region of the cabinet.
-The two drawers of a variant differ only in the side on which their handle is, so that a gripper at one handle does not
-touch the other. The upper handle is at -y. In a camera image from above and from +y, as in the task suite, it is thus
-clearly above the lower handle. If the sides were exchanged, both handles would be at the same height in the image.
+Each drawer has a handle that can be grasped from above. The cabinet and the two drawers are separate assets. In a
+scene, a slide joint along +x connects each drawer to the carcass of the cabinet. The frame of the joint is a region of
+the cabinet. The two drawers of a variant differ only in which side the handle is on, so that a gripper at one handle
+does not touch the other. The upper handle is at -y. In the task suite, the camera looks down from +y, so the upper
+handle appears clearly above the lower one. If the sides were swapped, both handles would be at the same height in the
+image.
 """
 
 from __future__ import annotations
@@ -221,8 +222,8 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
     are 6 to 12 mm thick and have a volume of 0.9 l. If they are made of poplar plywood (450 kg/m^3), they weigh 0.5 kg
     with the handle, or 13 kg per m^2 of floor.
 
-    The parameters describe the joint that a scene adds. The travel of 0.15 m is that of a three-quarter extension slide
-    for a drawer 0.18 m long, of which 35 mm stay in the carcass. The friction of 1.5 N is 0.5 kg x 9.81 m/s^2 x 0.3, as
+    The parameters describe the joint that a scene adds. The travel of 0.15 m fits a three-quarter extension slide for a
+    drawer 0.18 m long: 35 mm of the drawer stay in the carcass. The friction of 1.5 N is 0.5 kg x 9.81 m/s^2 x 0.3, as
     for waxed wood on wood or a light roller slide. Therefore a light touch does not move the drawer, but a pinch with
     35 N per finger can pull it. With a damping of 4 N s/m, a push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer
     stays where it is released.
@@ -295,7 +296,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the texture on its front. Its back and its edges show the plain center of the board."""
+    """Return the panel with the texture on its front. The back and the edges only show a plain area of the texture."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)

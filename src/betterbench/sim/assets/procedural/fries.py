@@ -55,7 +55,7 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
 def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     """Return the mesh of the filled carton, which is narrower at the bottom.
 
-    The upper edge of its front is scooped, and that of its back is straight.
+    The upper edge is scooped at the front and straight at the back.
     """
     n = 9  # points along each wide face
     y = np.linspace(-1.0, 1.0, n)

@@ -25,8 +25,7 @@ _APPLE_RADIUS = 0.035
 def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
     """Return the collision shape of a round fruit: a spheroid with the size of the fruit, on a flat foot.
 
-    The foot is wide enough for the fruit to return upright from a lean of 15 degrees, and narrow enough to be
-    invisible.
+    The foot is wide enough that a fruit tilted by 15 degrees rights itself, but too small to be seen.
     """
     half = 0.5 * height - 0.00025
     return (foot_square(0.011, height=0.006), spheroid(radius, half, half + 0.0005))

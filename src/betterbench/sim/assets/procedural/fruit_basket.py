@@ -76,7 +76,7 @@ def fruit_basket(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, stakes: int, band: bool) -> Canvas:
-    """Draw the texture of a basket: strands that go over and under upright stakes.
+    """Draw the texture of a basket, in which strands go over and under upright stakes.
 
     The texture runs from the bottom over the wall and the rim to the floor inside.
     """

@@ -1,4 +1,4 @@
-"""Generator of computer keyboards, and a function that draws keys, which the laptop generator also uses."""
+"""Generator of computer keyboards. The function that draws the keys is shared with the laptop generator."""
 
 import math
 

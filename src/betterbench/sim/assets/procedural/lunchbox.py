@@ -83,7 +83,7 @@ def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh
 
 
 def _shell(shade: Rgb, lining: Rgb) -> Canvas:
-    """Draw the texture of the box, which runs from the underside over the lip to the shaded inside."""
+    """Draw the texture of the box, from the underside over the lip to the shaded inside."""
     canvas = Canvas(1.0, 1.0, (8, 128), shade)
     y = canvas.y
     canvas.shade(np.where(y < 0.42, 0.86 + 0.14 * y / 0.42, 1.0))

@@ -64,9 +64,9 @@ def _plate(
         color: Color word.
         radii: Smallest and largest radius [m].
         density: Density of the material [kg/m^3].
-        solid: Fraction of the radius up to which the floor has a collision shape. The ring between it and the rim has
-            none, so that a finger that pinches the rim can enter it. The ring must be so narrow that the edge of an
-            object that is put down upside down does not fit into it.
+        solid: Fraction of the radius up to which the floor has a collision shape. The ring between this radius and the
+            rim has none, so that there is room for a finger that pinches the rim. The ring must be too narrow for the
+            edge of an upside-down object.
         name: Name of the plate, for its description.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
@@ -119,8 +119,8 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a round soup bowl on a narrow foot. It is about as wide as a dinner plate and more than twice as high.
 
     A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape consists of the
-    upper, upright part of the wall, of two discs under the hollow, and of the foot. A plate that is wrongly put into
-    the bowl therefore comes to rest in it.
+    upright upper part of the wall, two discs under the hollow, and the foot. A plate that is wrongly put into the bowl
+    therefore comes to rest in it.
     """
     radius, rim, foot = uniforms(rng, (0.0702, 0.0745), (0.0560, 0.0640), (0.0260, 0.0310))
     belly, floor, banded = rng.uniform(0.90, 1.0), 0.010, bool(rng.random() < 0.5)
@@ -216,7 +216,7 @@ class _Glaze:
         return canvas
 
     def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
-        """Draw the texture of a bowl, which runs from the foot over the rim to the floor inside.
+        """Draw the texture of a bowl, from the foot over the rim to the floor inside.
 
         The inside becomes darker toward the floor.
 

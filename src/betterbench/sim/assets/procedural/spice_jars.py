@@ -37,9 +37,9 @@ _TRAITS = ("glass", "medicine", "pharmacy", "plain", "steel")
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar that is filled to its shoulder with white salt (S), black pepper (P) or red paprika.
 
-    The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
-    color of a different jar. The glass is painted instead of transparent, because a single transparent part doubles the
-    rendering time of depth images.
+    The whole jar has the color of the spice. The cap has the same color or is made of steel, so that a cap never has
+    the color of a different spice. The glass is painted instead of transparent, because a single transparent part
+    doubles the rendering time of depth images.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
     content, name = jittered(_CONTENT[color], rng, amount=0.04), _NAMES[color]
@@ -144,7 +144,7 @@ class _Wrap(Canvas):
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
         """Create the texture of a body, given the radii and heights of its profile [m].
 
-        If there are few ``sides``, the faces of the body are drawn as flat faces.
+        If ``sides`` is small, the sides of the body look flat.
         """
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
@@ -223,8 +223,8 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle, given its visual parts.
 
-    A jar of mean size has 70 g of glass and cap and 50 g of content. The masses of larger and smaller jars are in
-    proportion to their volumes. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
+    In a jar of average size, the glass and the cap weigh 70 g and the content weighs 50 g. For other sizes, the mass is
+    proportional to the volume. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
     the grasp, and therefore stay above the rack while the jar stands in a hole that is 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
@@ -247,7 +247,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Colors of the print on a label: the color of letters and lines, and the colors of the drawing of a pepper pod."""
+    """Colors of a printed label: the color of letters and lines, and the colors of the pepper pod."""
 
     ink: Rgb
     pod: Rgb

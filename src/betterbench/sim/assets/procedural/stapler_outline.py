@@ -37,7 +37,10 @@ def cover_outline(style: str, arm: float, t: float) -> tuple[Sequence[float], Se
 
 
 def on_top(badge: str, arm: float, width: float, t: float) -> Mesh:
-    """Return the mesh of the badge (plate, pad or stripe) on top of the level cover, relative to the hinge [m]."""
+    """Return the mesh of the badge (plate, pad or stripe) on top of the cover when the cover is level.
+
+    Coordinates are in meters, relative to the hinge.
+    """
     sizes = {"plate": (0.026, 0.42, 0.56), "pad": (0.034, 0.80, 0.70), "stripe": (0.050, 0.16, 0.52)}
     long, share, at = sizes[badge]
     return box((long, share * width, 0.0018), (at * arm, 0.0, 0.0032 + 0.975 * t), bevel=0.0004)

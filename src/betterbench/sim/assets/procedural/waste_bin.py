@@ -23,7 +23,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
     Most bins have a bag that is folded over the rim. Plastic bins have the three recycling arrows on their front. Bins
     of 3 to 5 l for tables and desks are 18 to 22 cm wide and 12 to 25 cm high, and weigh 0.3 to 0.7 kg. This bin is
-    low, so that an object that is released above its rim falls 10 cm. It weighs 0.55 to 0.65 kg, most of it in the
+    low, so that an object that is released above its rim falls only 10 cm. It weighs 0.55 to 0.65 kg, most of it in the
     floor, as stable bins do.
     """
     rim, foot, height = uniforms(rng, (0.0990, 0.1050), (0.0890, 0.0940), (0.118, 0.134))
@@ -74,7 +74,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return the factor by which to move each side of a round body outward to get a square with round corners."""
+    """Return, for each side of a round body, the factor that moves it outward to make the body a rounded square."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share
@@ -137,7 +137,7 @@ def _bag(
 def _pattern(
     rng: np.random.Generator, shell: Turned, shade: Rgb, *, finish: str, metal_rim: bool, symbol: float
 ) -> Canvas:
-    """Draw the texture of the bin, which runs from its bottom over the wall and the rim to the floor inside."""
+    """Draw the texture of the bin, from the bottom over the wall and the rim to the floor inside."""
     foot, top, lip, floor = (shell.rows[k] for k in (2, 3, 6, 7))
     half = math.pi * 0.5 * (shell.radii[2] + shell.radii[3])
     canvas = shell.canvas(shade, (256, 256), width=half)

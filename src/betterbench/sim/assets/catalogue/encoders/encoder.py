@@ -12,7 +12,7 @@ from betterbench.errors import UnknownNameError
 
 
 class TextEncoder(Protocol):
-    """Encoder that maps texts to vectors. Texts of similar meaning have nearby vectors."""
+    """Encoder that maps texts to vectors. Texts with similar meanings have similar vectors."""
 
     @property
     def name(self) -> str:

@@ -155,13 +155,16 @@ def _pinned(path: Path, sha256: str) -> bytes:
     """Read a file of the encoder and check its hash."""
     data = read_ordinary(path)
     if hashlib.sha256(data).hexdigest() != sha256:
-        problem = "is not the expected file of all-MiniLM-L6-v2"
-        raise InvalidInputError(str(path), problem, f"Install {DISTRIBUTIONS[0]} again")
+        problem = "it is not the expected file of all-MiniLM-L6-v2"
+        raise InvalidInputError(str(path), problem, f"Reinstall {DISTRIBUTIONS[0]}")
     return data
 
 
 def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
-    """Return the 32-bit tensors in a safetensors file. ``data`` is its content, whose hash was already checked."""
+    """Return the 32-bit tensors in a safetensors file.
+
+    ``data`` is the content of the file. The caller has already checked its hash.
+    """
     (length,) = struct.unpack_from("<Q", data)
     head = json.loads(data[8 : 8 + length])
     tensors = {}
@@ -175,7 +178,7 @@ def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
 
 @functools.cache
 def find_files() -> tuple[Path, Path] | None:
-    """Return the paths of the weights and the vocabulary. None if no distribution that contains them is installed."""
+    """Return the paths of the weights and the vocabulary. None if they are not installed."""
     for name in DISTRIBUTIONS:
         try:
             files = importlib.metadata.files(name) or []

@@ -27,7 +27,9 @@ class SentenceEncoder:
         """Return a unit vector for each text, as an (n, dimension) float32 array."""
         found = np.asarray(self._model.encode(list(texts), convert_to_numpy=True, show_progress_bar=False), np.float32)
         if found.ndim != 2 or len(found) != len(texts) or not np.isfinite(found).all():
-            problem = f"returned an array of shape {found.shape} for {len(texts)} texts, or values that are not finite"
+            problem = (
+                f"it returned an array of shape {found.shape} for {len(texts)} texts, or values that are not finite"
+            )
             raise InvalidInputError(self.name, problem, "Use a text embedding model")
         return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), np.float32(1e-12)))
 
@@ -46,7 +48,7 @@ def _open(target: str) -> SentenceEncoder:
     try:
         return SentenceEncoder(target, package.SentenceTransformer(target))
     except (OSError, ValueError, RuntimeError) as error:
-        problem = f"could not be loaded ({described(error)})"
+        problem = f"it could not be loaded ({described(error)})"
         raise InvalidInputError(
             f"{NAME}:{target}", problem, "Check the name of the model and the network connection"
         ) from error

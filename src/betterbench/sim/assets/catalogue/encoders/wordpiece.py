@@ -1,4 +1,4 @@
-"""Tokenizer for uncased BERT models, which is based on word pieces.
+"""Word-piece tokenizer for uncased BERT models.
 
 Words and punctuation marks are split into the longest pieces that the model knows.
 """
@@ -43,7 +43,7 @@ class WordPieces:
         return [self._begin, *found[: limit - 2], self._end]
 
     def has_word(self, word: str) -> bool:
-        """Return whether a word in lower case is a single piece of the vocabulary."""
+        """Return whether the vocabulary contains a lower-case word as a single piece."""
         return word in self._numbers
 
     def _pieces(self, word: str) -> list[int]:

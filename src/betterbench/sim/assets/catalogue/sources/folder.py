@@ -34,7 +34,7 @@ _Text = Annotated[str, Field(max_length=2000)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Described:
-    """Description of one asset, as read from a sidecar file that describes the files in a folder."""
+    """Description of one asset, read from the sidecar file of a folder."""
 
     file: _Text
     name: _Text = ""
@@ -63,7 +63,7 @@ class _Folder:
         return f"folder:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each object. Meshes that a URDF or MJCF file uses belong to the object in that file."""
+        """Yield one item for each object. Meshes used by a URDF or MJCF file are part of the object in that file."""
         described, stamp = _sidecar(self.root)
         files = sorted(_mesh_files(self.root))
         used = _used_files(files, on_skip, self.root)
@@ -83,7 +83,7 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
         size = file.stat().st_size
         if size > MAX_FILE_BYTES:
             raise InvalidInputError(
-                inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the number of triangles in the mesh"
+                inside, f"it has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the number of triangles in the mesh"
             )
         facts = mesh_facts(file)
         named = told or _Described(inside)
@@ -119,7 +119,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
     """Return the files that are not separate objects.
 
-    These are the files that a URDF or MJCF file uses, and XML files that do not describe an object.
+    These are files used by a URDF or MJCF file, and XML files that do not describe an object.
     """
     found: set[Path] = set()
     for file in files:
@@ -143,7 +143,8 @@ def _preference(file: Path) -> tuple[int, str]:
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
     """Return a key that is the same for all files of one object.
 
-    If the folder names the object, the key is the folder. Otherwise, it is the folder and the file name without suffix.
+    If the object is named by the folder, the key is the folder. Otherwise, it is the folder and the file name without
+    suffix.
     """
     place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)
@@ -155,7 +156,7 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
     if not there:
         return {}, ""
     if len(there) > 1:
-        raise InvalidInputError(str(root), f"has both {SIDECARS[0]} and {SIDECARS[1]}", "Keep one of them")
+        raise InvalidInputError(str(root), f"it has both {SIDECARS[0]} and {SIDECARS[1]}", "Keep one of them")
     (path,) = there
     data = read_bounded(path, max_bytes=_MAX_SIDECAR_BYTES, cure=_CURE)
     rows = _csv_rows(path, data) if path.suffix == ".csv" else read_form(_DESCRIBED, data, where=str(path), cure=_CURE)
@@ -177,7 +178,7 @@ def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
             tags = str(form.pop("tags", ""))
             forms.append({**form, "tags": [tag.strip() for tag in tags.split(";") if tag.strip()]})
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInputError(str(path), f"is not a CSV table in UTF-8 ({error})", _CURE) from error
+        raise InvalidInputError(str(path), f"it is not a CSV table in UTF-8 ({error})", _CURE) from error
     return read_form(_DESCRIBED, dump_json(forms), where=str(path), cure=_CURE)
 
 
@@ -185,7 +186,7 @@ def _open(target: str, options: SourceOptions) -> _Folder:
     root = Path(target).absolute()
     if not target or not root.is_dir():
         raise InvalidInputError(
-            target or "folder:", "is not a folder", "Write the path of a folder of mesh files as folder:PATH"
+            target or "folder:", "it is not a folder", "Write the path of a folder of mesh files as folder:PATH"
         )
     name = options.name or "_".join(words_of(root.name)) or "folder"
     if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):

@@ -1,4 +1,4 @@
-"""Reading of the number of triangles and the extents of a mesh from its file, without loading the mesh.
+"""Read the number of triangles and the extents of a mesh from its file, without loading the mesh.
 
 Files that a mesh refers to are not opened, and the number of bytes read per file is limited. Numbers that are missing
 or not finite count as unknown.
@@ -29,7 +29,7 @@ _CURE = "Repair the file or remove it"
 
 @dataclass(frozen=True, slots=True)
 class MeshFacts:
-    """Facts about a mesh, as stated in its file.
+    """Facts about a mesh, read from its file.
 
     Attributes:
         faces: Number of triangles, or None if unknown.
@@ -47,7 +47,7 @@ class MeshFacts:
 
 
 def mesh_facts(path: Path) -> MeshFacts:
-    """Read the facts that a mesh file states. The extension determines the format.
+    """Read facts about a mesh from its file. The extension of the file determines the format.
 
     Raises:
         InvalidInputError: If the file is damaged or does not have the format of its extension.
@@ -55,7 +55,7 @@ def mesh_facts(path: Path) -> MeshFacts:
     try:
         return _READERS[path.suffix.lower()](path)
     except OSError as error:
-        raise InvalidInputError(str(path), f"cannot be read ({error.strerror or error})", _CURE) from error
+        raise InvalidInputError(str(path), f"it cannot be read ({error.strerror or error})", _CURE) from error
 
 
 def _wrong(path: Path, problem: str) -> InvalidInputError:
@@ -85,7 +85,7 @@ def _gltf(path: Path) -> MeshFacts:
 
 
 class _GltfScene:
-    """Reader of a glTF description. It determines the number of triangles and the extents of the default scene."""
+    """Reader for a glTF description. It determines the number of triangles and the extents of the default scene."""
 
     def __init__(self, form: Mapping[str, Any]) -> None:
         self._form = form
@@ -180,13 +180,13 @@ def _obj(path: Path) -> MeshFacts:
 
 
 def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
-    """Return the extents of the points in a list of lines, each of which consists of a word and three numbers."""
+    """Return the extents of the points in a list of lines. Each line consists of a word and three numbers."""
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:
-        raise _wrong(path, "has a vertex that does not consist of three numbers") from error
+        raise _wrong(path, "it has a vertex that does not consist of three numbers") from error
     if points.ndim != 2 or points.shape[1] != 3:
-        raise _wrong(path, "has a vertex that does not consist of three numbers")
+        raise _wrong(path, "it has a vertex that does not consist of three numbers")
     return _size(points.min(axis=0), points.max(axis=0))
 
 
@@ -206,7 +206,7 @@ def _stl(path: Path) -> MeshFacts:
             size = _size(corners.min(axis=0), corners.max(axis=0)) if count else None
             return MeshFacts(faces=count, size=size)
         if not head.lstrip().startswith(b"solid"):
-            raise _wrong(path, f"is neither a text STL file nor a complete binary STL file ({actual} bytes)")
+            raise _wrong(path, f"it is neither a text STL file nor a complete binary STL file ({actual} bytes)")
         if actual > MAX_TEXT_BYTES:
             return MeshFacts()
         file.seek(0)

@@ -97,7 +97,7 @@ def _text(value: object) -> str:
 
 
 def _names(value: object) -> list[str]:
-    """Return the names in a JSON list, whose elements are either names or JSON objects that contain a name."""
+    """Return the names in a JSON list. Each element is either a name or a JSON object that contains a name."""
     listed = value if isinstance(value, list) else []
     found = (_text(one.get("name") if isinstance(one, dict) else one) for one in listed)
     return [name[:80] for name in found if name]
@@ -142,13 +142,13 @@ def _open(target: str, options: SourceOptions) -> _Objaverse:
     root = Path(target).absolute()
     if not (root / "metadata").is_dir():
         raise InvalidInputError(
-            target, "has no folder metadata", f"Pass the folder hf-objaverse-v1 of the package {NAME}. {_CURE}"
+            target, "it has no folder metadata", f"Pass the folder hf-objaverse-v1 of the package {NAME}. {_CURE}"
         )
     return _Objaverse(root)
 
 
 def _downloaded() -> Path:
-    """Download the annotations with the package objaverse, and return the folder in which it stores them."""
+    """Download the annotations with the package objaverse, and return the folder where it stores them."""
     try:
         package = importlib.import_module(NAME)
     except ImportError as error:

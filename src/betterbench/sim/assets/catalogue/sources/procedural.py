@@ -1,6 +1,6 @@
 """The procedural library as an asset source.
 
-The catalogue has one row for each category and color, which represents all variants of the object.
+The catalogue has one row for each category and color. A row represents all variants of the object.
 """
 
 from __future__ import annotations

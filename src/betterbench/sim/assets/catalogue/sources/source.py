@@ -17,7 +17,7 @@ class SourceItem:
 
     Attributes:
         id: Id of the asset's row.
-        fingerprint: Text that differs from that of the previous indexing if the row must be read again.
+        fingerprint: String that changes whenever the row must be read again.
         read: Function that returns the row. It raises a BetterError if the asset cannot be used.
     """
 
@@ -35,7 +35,7 @@ class AssetSource(Protocol):
 
     @property
     def address(self) -> str:
-        """Address with which the same source can be opened again."""
+        """Address for opening the same source again."""
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
         """Yield the assets in a fixed order. For each skipped asset, call ``on_skip`` with its name and the reason."""

@@ -1,4 +1,4 @@
-"""Human reviews of imported objects: storage of the decisions, and their application to the objects.
+"""Human reviews of imported objects. This package stores the decisions and applies them to the objects.
 
 The browser page is in a different package.
 

@@ -1,4 +1,4 @@
-"""Application of the changes made in a review to an imported object.
+"""Apply the changes made in a review to an imported object.
 
 The result depends only on the imported object and on the changes.
 """
@@ -70,7 +70,7 @@ class ReviewState:
 
     Attributes:
         imported: The object with all changes made so far.
-        turned: Rotation (w, x, y, z) from the pose in which the object was imported to its current pose.
+        turned: Rotation (w, x, y, z) from the imported pose of the object to its current pose.
     """
 
     imported: Imported
@@ -99,8 +99,8 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
         where: Name of the object, for messages.
 
     Raises:
-        InvalidInputError: If a value of the object differs from the value before the change that the review has
-            recorded, or if a change makes the object unusable.
+        InvalidInputError: If a change was recorded for a different state of the object, or if a change makes the object
+            unusable.
     """
     state = ReviewState(imported)
     for change in changes:

@@ -77,7 +77,7 @@ class SupportChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GraspChange:
-    """Change to a grasp, which was moved, added (``before`` is None) or removed (``after`` is None)."""
+    """Grasp that was moved, added (``before`` is None) or removed (``after`` is None)."""
 
     before: Grasp | None
     after: Grasp | None
@@ -87,7 +87,7 @@ class GraspChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RegionChange:
-    """Change to a placement frame (opening, floor, base or top), which was moved, added or removed.
+    """Placement frame (opening, floor, base or top) that was moved, added or removed.
 
     As in :class:`GraspChange`, ``before`` is None for an added frame, and ``after`` is None for a removed frame.
     """
@@ -110,7 +110,7 @@ class MassChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class NameChange:
-    """Change to the name of the object, which determines the description and the tags of the object."""
+    """Change to the name of the object. The name determines the object's description and tags."""
 
     before: _Name
     after: _Name
@@ -128,7 +128,7 @@ AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
 
 
 def said(change: Change) -> str:
-    """Describe a change to an object by a short English phrase."""
+    """Describe a change to an object in a short English phrase."""
     match change:
         case PoseChange():
             return "turned"

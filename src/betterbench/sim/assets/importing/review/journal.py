@@ -148,7 +148,7 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
     verdict = history.verdict
     if verdict is None or history.last is None:
         problem = f"it has {len(history.changes)} changes and no verdict"
-        raise InvalidInputError(asset, problem, "Accept or reject it with better review")
+        raise InvalidInputError(asset, problem, "Accept or reject it with `better review`")
     for _, review in history.reviews:
         if review.content != content:
             problem = f"a decision is about the content {review.content[:SHOWN]}, but the file has {content[:SHOWN]}"

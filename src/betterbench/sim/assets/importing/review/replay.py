@@ -1,4 +1,4 @@
-"""Application of the accepted changes in a review file to imported objects.
+"""Apply the accepted changes in a review file to imported objects.
 
 The changed objects are stored in the import cache.
 """
