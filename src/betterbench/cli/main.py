@@ -249,7 +249,7 @@ def every_command() -> dict[str, Verb]:
 
 
 def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
-    """Return the name and the entry of the chosen subcommand, and the remaining arguments.
+    """Return the name of the chosen subcommand, its :class:`Verb`, and the remaining arguments.
 
     Options may precede the name of a nested command.
     """
@@ -393,10 +393,10 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give the wrapper of a subcommand all options, type hints and help texts: those of the subcommand and its own.
+    """Copy the options, type hints and help texts of a subcommand to its wrapper, which adds options of its own.
 
     Args:
-        verb: Wrapper, which adds options.
+        verb: Wrapper that has additional options.
         function: Wrapped subcommand.
         texts: Help text of each added option, by option name.
     """

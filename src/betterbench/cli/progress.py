@@ -80,7 +80,7 @@ def took(seconds: float, size: int) -> str:
 
 
 def _count_text(task: Task) -> str:
-    """Format the amount of finished work ("  7/120"). The text is empty while the total is unknown."""
+    """Format the amount of finished work ("  7/120"). Return an empty string while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"

@@ -21,13 +21,13 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
 
     Args:
         path: YAML file.
-        cure: Remedy that error messages state.
+        cure: Remedy to include in error messages.
         deepest: Maximum depth of nesting.
         max_bytes: Maximum size of the file.
 
     Raises:
-        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a
-            field twice, or is nested too deep.
+        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, contains a
+            field twice, or is nested too deeply.
     """
     import yaml
 

@@ -81,7 +81,7 @@ def print_steps(table: StepTable) -> None:
 
 
 def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
-    """Print a benchmark's scores for the parts listed in the paper's Table 3, such as the domains of EgoPlan-Bench2."""
+    """Print a benchmark's scores for its parts in Table 3 of the BeTTER paper, such as EgoPlan-Bench2's domains."""
     cells = {row.name: row.cells[benchmark] for row in table.rows if benchmark in row.cells}
     names = list(dict.fromkeys(part for cell in cells.values() for part in cell.parts))
     if names:
@@ -255,7 +255,7 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
 
 
 def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> list[str]:
-    """Return sentences about the statistically supported static gaps of a model, and about larger gaps of a policy.
+    """Return sentences about a model's statistically significant static gaps, and about larger gaps of a policy.
 
     Args:
         gaps: Static illusion gaps of the model.

@@ -25,10 +25,10 @@ def show_asset_command(
     Example: better assets show procedural/mug-red --out mug.png
 
     Args:
-        ids: Id of the asset, as listed by better assets search.
+        ids: Id of the asset, as listed by `better assets search`.
         catalogue: Catalogue folder; by default in the user's cache.
         out: PNG or JPEG file for the picture.
-        overwrite: Replace a file that better assets did not write.
+        overwrite: Replace a file that `better assets` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.places import usual_folder

@@ -35,9 +35,9 @@ def certify_command(
 ) -> None:
     """Certify that trials can be solved with trained motions, begin at rest, and match the premise of the instruction.
 
-    better eval plans the same trials if it gets the same tasks, trials and seed. Ctrl-C keeps finished trials; the same
-    command resumes. The exit status is 0 even if a trial fails a clause of the certificate. Failed trials are listed,
-    and better eval rejects them.
+    `better eval` plans the same trials if it gets the same tasks, trials and seed. Ctrl-C keeps finished trials, and
+    running the command again resumes the job. The exit status is 0 even if a trial fails a clause of the certificate.
+    Failed trials are listed, and `better eval` rejects them.
 
     With --demonstrations, the command measures that number of expert demonstrations per task instead of certifying. The
     measured release positions are needed for the certificate and for the poses of pre-placed objects. Do this once for
@@ -57,7 +57,7 @@ def certify_command(
         arm: Option that selects the robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
-        overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
+        overwrite: Write to a folder that `better certify` did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
     """
     from betterbench.certification.coverage import packaged_coverage

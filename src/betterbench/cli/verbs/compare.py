@@ -35,14 +35,14 @@ def compare_command(
 
     Runs of several suites or of CALVIN are shown in one table instead. It contains success in LIBERO's four suites and
     CALVIN's chains, comparisons on the same initial states, and each policy's drop in success when the scene changes.
-    Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one. A
-    run of better vlm and a run of better eval can also be given for each policy, with the same names or in the same
-    order. The command then tests whether a better static score predicts a smaller illusion gap.
+    Runs with the same name count as one policy. Runs of `better vlm` are compared in order, each with the previous one.
+    You can also pass one run of `better vlm` and one run of `better eval` for each policy, with the same names or in
+    the same order. The command then tests whether a better static score predicts a smaller illusion gap.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
-        runs: Two or more run folders, or files written by better export.
+        runs: Two or more run folders, or files written by `better export`.
         name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
         alpha: Significance level of the tests; intervals have confidence 1 - alpha.
@@ -50,12 +50,12 @@ def compare_command(
         allow_mixed: Compare runs even if their versions or engines differ.
         fail_if_worse: For continuous integration: exit with status 1 if the first run is significantly worse than
             another run over all variations.
-        column: For runs of better vlm: scores to compare, from strictly parsed answers (strict), all parsed answers
+        column: For runs of `better vlm`: scores to compare, from strictly parsed answers (strict), all parsed answers
             (parsed, the default), or answers read by an extractor model (extracted).
-        paper: For runs of better vlm: add the findings of better audit-paper about the paper's table of static
-            benchmarks (part of betterbench-calibration).
+        paper: For runs of `better vlm`: add the findings of `better audit-paper` about the table of static benchmarks
+            in the BeTTER paper (part of betterbench-calibration).
         out: Across suites: folder for the tables as CSV and LaTeX.
-        overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
+        overwrite: Write to a folder that `better compare` did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
     """
     from betterbench.cli.output.comparison import print_comparison
@@ -114,7 +114,7 @@ def _static(
     paper: bool,
     json: bool,
 ) -> None:
-    """Compare runs of better vlm with each other, or with the illusion gaps of runs of better eval."""
+    """Compare runs of `better vlm` with each other, or with the illusion gaps of runs of `better eval`."""
     from betterbench.cli.output.vlm import print_prediction, print_steps
     from betterbench.vlm.scoring import COLUMNS
     from betterbench.vlm.steps import step_table
@@ -144,7 +144,7 @@ _NO_AUDIT = "The audit of the paper's table is part of betterbench-calibration, 
 
 
 def _audited() -> Any:  # noqa: ANN401 - an Audit of betterbench-calibration, which this package does not import
-    """Return the audit of the paper's table of static benchmarks."""
+    """Return the audit of the table of static benchmarks in the BeTTER paper."""
     audit = calibration_module("audit", _NO_AUDIT)
     found = audit.audit_source(audit.paper_tables())
     return audit.Audit(found.source, tuple(table for table in found.tables if table.table.name == STATIC_TABLE))
@@ -155,7 +155,7 @@ def _prediction(
 ) -> PredictionTable:
     """Test whether the static scores of policies predict their illusion gaps.
 
-    A policy's run of better vlm and its run of better eval are matched by name, or by order if no names are given.
+    A policy's run of `better vlm` and its run of `better eval` are matched by name, or by order if no names are given.
     """
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder

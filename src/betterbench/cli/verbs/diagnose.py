@@ -35,17 +35,17 @@ def diagnose_command(
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
     With --answers, a model's answers about the decisive moments are compared with the policy's behavior. For each
-    trial, the result states whether the model answered correctly, and whether the policy acted accordingly. better
-    report shows the comparison too.
+    trial, the result states whether the model answered correctly, and whether the policy acted accordingly.
+    `better report` shows the comparison too.
 
     Example: better diagnose runs/expert
 
     Args:
         run: Run folder.
-        twins: For a LIBERO-PRO run: the same policy's run of the base suite, whose trials from the same initial states
+        twins: For a LIBERO-PRO run: a run of the same policy on the base suite. Its trials from the same initial states
             are the counterfactual twins. Nothing is stored in this case.
         keep: Do not change the stored diagnosis and the stored answers.
-        answers: File with answers to a question set made by better vqa --run.
+        answers: File with answers to a question set made by `better vqa --run`.
         questions: Folder of the question set; default: the folder of the answers.
         json: Print one JSON document instead of tables.
     """

@@ -38,7 +38,7 @@ class TrialOptions:
     """Options that select the trials and the conventions of a run.
 
     Attributes:
-        suite: Suite that contains the tasks (see better list suites); LIBERO and CALVIN suites run in those worlds.
+        suite: Suite that contains the tasks (see `better list suites`); LIBERO and CALVIN suites run in those worlds.
         tasks: Tasks to run; default: all tasks in the suite.
         variations: Variations to run; default: all.
         trials: Trials per variation, default 20. In LIBERO: initial states per task, default from the protocol. In
@@ -150,15 +150,16 @@ def evaluate_command(
     explain_power: bool = False,
     json: bool = False,
 ) -> None:
-    """Evaluate a policy. The same command resumes an unfinished run.
+    """Evaluate a policy. Running the command again resumes an unfinished run.
 
-    Every variation runs with the same seeds. The training conditions together run the same number of trials, the first
-    of which are the counterfactual twins. Trials that no certificate covers are rejected (see better certify).
+    All variations of a task run with the same seeds. The training conditions of a task together get as many trials as
+    each variation. Among them are the counterfactual twins: training trials with the same seeds. Trials that no
+    certificate covers are rejected (see `better certify`).
 
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Policy address (see better list policies); with --from, a policy to run instead of that run's policy.
+        policy: Policy address (see `better list policies`); with --from, a policy to run instead of that run's policy.
         out: Run folder; runs/POLICY if not given.
         from_run: Folder or run.json of another run, whose trials, seeds, conventions and policy are repeated.
         chosen: Options that select the trials and the conventions.
@@ -171,12 +172,12 @@ def evaluate_command(
         ray: Placement of a run on a Ray cluster.
         policy_timeout: Maximum time for one answer of a python: or lerobot: policy [s]; for a server, set it in the
             policy address.
-        certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
+        certificate: Certificate written by `better certify`, or its folder; default: the certificate shipped with the
             suite.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run even if relevant versions differ.
         trust: With --from or --run-file, allow the file to run code or to send an API key.
-        allow_changed_policy: Resume although the policy's declarations have changed since the run began.
+        allow_changed_policy: Resume even if the policy's declarations have changed since the run began.
         explain_power: Print in detail which drops in success the trials can show.
         json: Print one JSON document at the end.
     """
@@ -220,8 +221,8 @@ def evaluate_command(
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
     """Print the number of trials and the smallest drops that they can detect. For a large plan, suggest a smaller run.
 
-    ``certified`` contains the command-line options for robot and certificate. It is None if the plan is that of another
-    run.
+    ``certified`` contains the command-line options for robot and certificate. It is None if the plan is taken from
+    another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -323,9 +324,9 @@ def _changed(world: WorldOptions) -> dict[str, Any]:
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Reject the first option that does not apply in the world of the run.
+    """Raise InvalidInputError for the first option that the world of the suite does not support.
 
-    The message names the worlds in which it applies.
+    The message lists the worlds that support the option.
     """
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed

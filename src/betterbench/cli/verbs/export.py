@@ -41,10 +41,10 @@ def export_command(
 ) -> None:
     """Export a run's outcomes, or the demonstrations of runs as a data set for training policies.
 
-    A submission, which better compare can read, contains the outcome of every planned trial, all versions, and the hash
-    of each record. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful
-    trials in training conditions, in the layout of a preset. A policy trained on the data set is evaluated with the
-    same preset. Ctrl-C keeps finished episodes; the same command resumes.
+    A submission, which `better compare` can read, contains the outcome of every planned trial, the versions of the
+    software, and the hash of each record. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and
+    actions of successful trials in training conditions, in the layout of a preset. A policy trained on the data set is
+    evaluated with the same preset. Ctrl-C keeps finished episodes, and running the command again resumes the export.
 
     Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
@@ -52,10 +52,9 @@ def export_command(
         runs: Run folder; several folders for a data set.
         to: submission; tensorboard or wandb (extras with the same names; settings of wandb such as WANDB_MODE=offline
             determine what it uploads); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for
-            GR00T and Being-H) or robomimic (HDF5, extra robomimic); for a run of better vlm, lmms-eval (its log of
-            samples).
-        out: Submission file, default NAME.json; tracker folder, default RUN/TRACKER; data set folder, or the data set
-            file for robomimic; folder of the logs of samples, default RUN/lmms_eval.
+            GR00T and Being-H) or robomimic (HDF5, extra robomimic); for a run of `better vlm`, lmms-eval (sample logs).
+        out: Where to write: the submission file (default NAME.json), the tracker folder (default RUN/TRACKER), the data
+            set folder (for robomimic, a file), or the folder of the sample logs (default RUN/lmms_eval).
         name: Policy name; default: the name that the policy declared.
         project: Project name for the tracker wandb.
         check: Submission or data set to check against the records of the runs; nothing is written.
@@ -70,9 +69,9 @@ def export_command(
         quality: Render preset for the images; default: the run's preset.
         validation: Fraction of the seeds held out for validation; the episodes with these seeds come last.
         language: Also write the language columns, which LeRobot versions before 0.6 reject.
-        vqa: Question set made by better vqa about the same run, to be written to the language columns.
+        vqa: Question set made by `better vqa` about the same run, to be written to the language columns.
         workers: Number of episodes rendered in parallel; default: one per CPU core.
-        overwrite: Replace a file that better export did not write, or another data set of better export.
+        overwrite: Replace a file that `better export` did not write, or another data set of `better export`.
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
@@ -110,7 +109,7 @@ def export_command(
 def _export_samples(
     runs: tuple[Path, ...], out: Path | None, refused: Mapping[str, object], *, overwrite: bool, as_json: bool
 ) -> None:
-    """Write the sample logs of runs of better vlm in the format of lmms-eval."""
+    """Write the sample logs of runs of `better vlm` in the format of lmms-eval."""
     from betterbench.vlm.samples import write_samples
 
     for option in refused:

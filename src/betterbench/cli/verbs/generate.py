@@ -44,17 +44,17 @@ def generate_command(
     A scenario is a setting with an instruction and object descriptions. The offline author needs no model: it combines
     library objects that belong together. The answers of a language model are checked for format and plausibility, and
     problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
-    answers instead of the model. The same command produces the same files, and resumes after an interruption.
+    answers instead of the model. Running the command again resumes an interrupted job and produces the same files.
 
-    With --until N, scenarios are drawn, built and certified until the suite has N tasks, without near-duplicates and
-    under quotas, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows the quotas,
-    the tasks, and the rejected scenarios. The last options, from --name on, are for --until and --build.
+    With --until N, scenarios are drawn, built and certified until the suite has N tasks. Near-duplicates are left out,
+    and quotas are respected, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows
+    the quotas, the tasks, and the rejected scenarios. The options from --name on are used only with --until or --build.
 
     Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
 
     Args:
-        target: Name of a template (better list templates), or a sentence in quotes; with --until, all templates if not
-            given.
+        target: Name of a template (`better list templates`), or a sentence in quotes; with --until, all templates if
+            not given.
         out: Folder of the scenarios.
         num: Number of scenarios; default: 10 for a template, 1 for a sentence.
         model: "offline", or an OpenAI-compatible chat endpoint with its model, such as
@@ -64,17 +64,17 @@ def generate_command(
         vocabulary: Objects that a model may use: library objects, or any.
         replay: File exchanges.jsonl of an earlier run. The answers stored in it are used instead of asking a model.
         key_variable: Environment variable with the API key of the endpoint.
-        build: Build and certify the tasks in the subfolder "build", as better build does.
-        until: Number of certified tasks in the suite.
+        build: Build and certify the tasks in the subfolder "build", as `better build` does.
+        until: Add tasks until the suite has this number of certified tasks.
         quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
             range (10%-30%, 3-8).
         quotas: YAML or JSON file with quotas.
         distinct: Minimum difference between two tasks: they differ in the category of an object (categories), or in the
             category or color of an object (colors).
-        unlike: Suites whose near-duplicates are rejected: better60, or suite folders.
+        unlike: Reject tasks that nearly duplicate a task of these suites: better60, or suite folders.
         max_attempts: Maximum number of scenarios to build; default: three per task.
         options: Options for building and certifying tasks, used with --until and --build.
-        overwrite: Replace files in the output folder that better generate did not write.
+        overwrite: Replace files in the output folder that `better generate` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.generation.folder import GenerateSettings, generate_scenarios

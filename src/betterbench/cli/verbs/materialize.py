@@ -37,9 +37,9 @@ def materialize_command(
 ) -> None:
     """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
-    Only the records and scenes of the run are read. The same command resumes after an interruption: intact files are
-    kept, and missing or damaged files are rendered again. The files do not depend on the number of workers or on
-    interruptions.
+    Only the records and scenes of the run are read. Running the command again resumes the job where it stopped: intact
+    files are kept, and missing or damaged files are rendered again. The files do not depend on the number of workers or
+    on interruptions.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -55,7 +55,7 @@ def materialize_command(
         out: Folder to write; RUN/modalities if not given.
         workers: Number of worker processes that render and compress files.
         follow: Also process trials of a run in progress, until it ends.
-        check: Only verify the checksums of all files; each recorded trial, or each --trial, must have its files.
+        check: Only check that the files of each recorded trial, or of each --trial, exist and match their checksums.
             Nothing is written.
         json: Print one JSON document as a summary.
     """
@@ -98,7 +98,7 @@ def materialize_command(
 
 
 def _trial(text: str) -> TrialId:
-    """Parse a trial given as TASK/CONDITION/SEED. Raise InvalidInputError if the text has another form."""
+    """Parse a trial given as TASK/CONDITION/SEED. Raise InvalidInputError if the string has a different format."""
     from betterbench.errors import InvalidInputError
     from betterbench.tasks import TrialId
 

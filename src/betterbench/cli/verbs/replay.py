@@ -42,7 +42,7 @@ def replay_command(
         out: Video file to write; a file in the run folder if not given.
         camera: Camera of the video.
         size: Side length of the video in pixels, or of each half with --twin; default 512, or 384 with --twin.
-        overwrite: Replace a file that better replay did not write.
+        overwrite: Replace a file that `better replay` did not write.
         json: Print the result of --check as one JSON document.
     """
     from betterbench.evaluation import check_record

@@ -31,11 +31,12 @@ def review_command(
 ) -> None:
     """Review imported meshes or scenes in the browser: correct poses, grasps and slots, accept or reject.
 
-    The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose,
-    size, support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift.
-    Every decision is appended to the file --out, which a task file applies with imported(..., review=FILE). The same
-    command resumes where it was stopped. The command listens on this machine only: from elsewhere, forward the port
-    (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
+    The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose, size,
+    support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift. Every
+    decision is appended to the file --out, which a task file applies with imported(..., review=FILE). Running the
+    command again continues where you stopped. The page can only be opened on this machine. To open it on another
+    machine, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the
+    page.
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
     --tasks, --suite or --task-file, one condition at a time. Slots and placement frames can be moved, and a key
@@ -52,9 +53,10 @@ def review_command(
         author: Reviewer name in the file; default: the user name.
         out: File to which decisions are appended, by default reviews.jsonl, for scenes scene_reviews.jsonl; with
             apply, the folder to write.
-        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        host: Network interface to listen on. With 0.0.0.0, other machines can open the page, but its access token is
+            sent unencrypted.
         port: Port to listen on; 0 for any free port.
-        overwrite: With apply: replace files that better review did not write.
+        overwrite: With apply: replace files that `better review` did not write.
         json: With agree: print one JSON document.
     """
     word = str(given[0]) if given else ""
@@ -189,7 +191,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
-    """Print how far two reviews agree."""
+    """Print how well two reviews agree."""
     from betterbench.review.agreement import agreement
 
     if len(files) != 2:

@@ -35,12 +35,13 @@ def shortcuts_command(
 ) -> None:
     """Find shortcuts in demonstrations: words or objects that predict positions, steps or targets better than chance.
 
-    For a run, the initial position of each object, the order of picks and placements, and the variety of the
-    demonstrations are taken from the recorded states. For a LeRobot dataset (2.0 to 3.0), instructions, actions and
-    proprioception are read. Words, word pairs and complete instructions are tested against four facts: where the
-    gripper first closes, where it last opens, its first direction, and the order of its targets. The command first
-    prints the columns that it uses. If it cannot infer them from their names, give --instruction, --gripper, --place
-    and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
+    If DATA is a run, the initial object positions, the order of picks and placements, and the variety of the
+    demonstrations are read from the recorded states. If it is a LeRobot dataset (2.0 to 3.0), instructions, actions and
+    proprioception are read. The audit checks whether words, word pairs or complete instructions predict where the
+    gripper first closes, where it last opens, in which direction it first moves, or in which order it visits its
+    targets. The command first prints the columns that it uses. If it cannot infer them from their names, use
+    --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole
+    column).
 
     For runs, each rule is compared with the variations. A variation that breaks a rule distinguishes a policy that
     follows the instruction from a policy that follows the rule. The result is a prediction: the variations ranked by
@@ -60,7 +61,7 @@ def shortcuts_command(
         seed: Seed for the sample of episodes that is drawn if the dataset has more than 5,000.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
-        overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
+        overwrite: Write to a folder that `better shortcuts` did not make, and replace files with the same names there.
         json: Print the audit as one JSON document.
     """
     from betterbench.jobs.outputs import OutputFolder
@@ -146,7 +147,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
 
 
 def _run_in(data: Path) -> Path:
-    """Return the run folder inside a folder written by better dataset. Any other folder is returned unchanged."""
+    """Return the run folder inside a folder written by `better dataset`. Any other folder is returned unchanged."""
     return data / "demonstrations" if (data / "recipe.json").exists() else data
 
 

@@ -30,7 +30,7 @@ def show_command(
         seed: Seed of both scenes.
         size: Side length of each image in pixels.
         arm: Option that selects the robot.
-        overwrite: Replace a file that better show did not write.
+        overwrite: Replace a file that `better show` did not write.
     """
     from betterbench.cli.output.picture_file import picture_file
     from betterbench.evaluation import show_comparison, show_training

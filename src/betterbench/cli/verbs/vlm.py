@@ -62,9 +62,9 @@ def vlm_command(
     """Evaluate a vision-language model on a static benchmark.
 
     The benchmarks are better-vqa (questions about recorded frames of this suite, no download), embspatial, refspatial
-    and egoplan2. better vlm fetch BENCHMARK downloads the data, or lists the files to download and their location.
-    Every item is scored: a missing or unreadable answer counts as wrong. The same command resumes an interrupted run
-    without repeating requests.
+    and egoplan2. `better vlm fetch BENCHMARK` downloads the data, or lists the files to download and where to find
+    them. Every item is scored: a missing or unreadable answer counts as wrong. Running the command again resumes an
+    interrupted run without repeating requests.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
@@ -73,10 +73,11 @@ def vlm_command(
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
         model: OpenAI-compatible chat endpoint and model name, such as http://localhost:8000/v1#my-model; hf:FOLDER
             with an InternVL checkpoint (extra vlm); or learned:CHECKPOINT, a co-trained learner.
-        data: Folder of the data in any published format; for better-vqa, a set made by better vqa (default: a new set).
+        data: Folder of the data in any published format; for better-vqa, a set made by `better vqa` (default: a new
+            set).
         records: For a learner: the run from which the questions were made; the learner gets the recorded state of each
             frame.
-        acted: Run of a policy whose illusion gap is shown next to the static illusion gap of better-vqa.
+        acted: Run of a policy. Its illusion gap is shown next to the static illusion gap of better-vqa.
         out: Folder of the run.
         prompt: Identifier of the prompt; default: betterbench's prompt.
         coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
@@ -92,7 +93,8 @@ def vlm_command(
         questions: Approximate number of questions in a newly made set.
         at_once: Number of simultaneous requests.
         max_tokens: Maximum answer length in tokens.
-        price_in: Price of a million tokens of prompts and images, in any currency; with --price-out for the cost.
+        price_in: Price of a million tokens of prompts and images, in any currency. With --price-out, the cost of the
+            run is printed.
         price_out: Price of a million tokens of answers.
         cache: Reuse cached replies to identical requests, also from other runs; --no-cache sends all requests.
         workers: Number of worker processes that make a question set.

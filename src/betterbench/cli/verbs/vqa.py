@@ -114,9 +114,9 @@ def vqa_command(
     """Make questions about the frames of a run, with answers from the records of the run.
 
     The questions ask for bounding boxes, counts, relations, containment, stacks, states, progress and presence of
-    objects. They are balanced, so that guessing without the images does not help, and written with the images as JSON
-    lines in the conversation format of LLaVA and as Parquet. With --run, the questions are about the decisive moments
-    of the run's trials, for better diagnose --answers. The same command resumes an interrupted set.
+    objects. They are balanced, so that guessing without the images does not help. Questions and images are written as
+    JSON lines in the conversation format of LLaVA, and as Parquet. With --run, the questions are about the decisive
+    moments of the run's trials, for `better diagnose --answers`. Running the command again resumes an interrupted set.
 
     Example: better vqa runs/expert --out sets/expert --questions 10000
 
@@ -128,7 +128,7 @@ def vqa_command(
         asked: Options that select the frames, cameras and types of the questions.
         chat: Model that answers the set.
         workers: Number of trials processed in parallel.
-        overwrite: Replace a file of answers or descriptions that better vqa did not write.
+        overwrite: Replace a file of answers or descriptions that `better vqa` did not write.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.vqa import print_scores, print_set
@@ -158,7 +158,7 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the question set, and the folder of the run that it is about if this folder is known.
+    """Return the question set and, if it is known, the folder of the run that the questions are about.
 
     If the set does not exist yet, it is made first.
     """
