@@ -1,4 +1,4 @@
-"""Queue of a judge: films in random order, without the condition, the policy or the entries of other people."""
+"""Queue of a judge: videos in random order, without the condition, the policy or the entries of other people."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ logger = logging.getLogger(__name__)
 class JudgeDesk:
     """State of one judge's work: the queue of trials, the current trial and the judge's entries.
 
-    The order depends on the seed of the plan and the name of the judge. The same command therefore resumes where it
-    stopped, and each judge gets a different order. A judge sees only the films, the instruction and the judge's own
-    entries.
+    The order depends on the seed of the plan and the name of the judge. A judge who runs the command again therefore
+    continues in the same order, and each judge gets a different order. A judge sees only the videos, the instruction
+    and the judge's own entries.
 
     Attributes:
         person: Name of the judge.
@@ -36,8 +36,8 @@ class JudgeDesk:
         """Read the finished trials and this judge's earlier entries.
 
         Raises:
-            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name differs
-                only in spelling from that of an earlier judge.
+            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name is
+                nearly the same as that of an earlier judge.
             RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials whose header is
                 damaged are left out and logged.
         """
@@ -91,7 +91,7 @@ class JudgeDesk:
     def choose(self, outcome: str, note: str = "") -> None:
         """Enter an outcome for the current trial, and go to the next trial without an entry.
 
-        If the operator has discarded the trial in the meantime, or its films cannot be shown, nothing is entered. The
+        If the operator has discarded the trial in the meantime, or its videos cannot be shown, nothing is entered. The
         message then states the problem.
         """
         trial = self.at_hand
@@ -120,7 +120,7 @@ class JudgeDesk:
         self._say(f"film {number}: {outcome_named(outcome).title}; {left}")
 
     def _require_shown(self, trial: RealTrial) -> None:
-        """Raise InvalidInputError if the operator has discarded a trial, or its films cannot be shown."""
+        """Raise InvalidInputError if the operator has discarded a trial, or its videos cannot be shown."""
         name = f"film {self.index + 1}"
         state = read_run(self.folder).states[trial.code]
         if state.state != "done" or state.attempt != trial.header.attempt:
@@ -132,9 +132,9 @@ class JudgeDesk:
             self.film(self.index, camera)
 
     def undo(self) -> None:
-        """Undo the last entry of this session. If there is none, undo the entry for the current film.
+        """Undo the last entry of this session. If there is none, undo the entry for the current video.
 
-        The film of the undone entry is shown again.
+        The video of the undone entry is shown again.
         """
         if not self._made and self.chosen is None:
             self._say("There is no entry to undo. Go to a film with an entry first.", is_problem=True)
@@ -147,14 +147,14 @@ class JudgeDesk:
         self._say(f"film {self.index + 1}: entry undone")
 
     def film(self, number: int, camera: str) -> bytes:
-        """Return a film (MP4) of a trial.
+        """Return a video (MP4) of a trial.
 
         Args:
             number: Index of the trial in this judge's order.
             camera: Name of the camera.
 
         Raises:
-            InvalidInputError: If the film is missing or was changed. Only the log names the trial, because judges must
+            InvalidInputError: If the video is missing or was changed. Only the log names the trial, because judges must
                 not know it.
         """
         try:

@@ -1,4 +1,4 @@
-"""Label of a trial on a real arm, from joint signals and the entries of judges who watched the film.
+"""Label of a trial on a real arm, from joint signals and the entries of judges who watched the video.
 
 The labels and the rules for rest and back-and-forth motion are those of the simulated diagnosis. Only the judges can
 tell which object was taken and which objects are in the basket. If neither the signals nor the judges determine a
@@ -137,7 +137,10 @@ class Setting:
 
     @classmethod
     def of(cls, task: str, condition: str) -> Setting:
-        """Return the properties of a condition on which labels depend. Raise UnknownNameError if it does not exist."""
+        """Return the properties of a condition on which labels depend.
+
+        Raise UnknownNameError for an unknown condition.
+        """
         x = Exposure.of(task, condition)
         due = tuple(kind for goal in x.open_goals for kind in sorted(x.kinds(goal)))
         here = {o.kind for o in x.test.objects if o.name in x.test.layout or o.name in x.test.preplaced}
@@ -172,7 +175,7 @@ class Setting:
         return best
 
     def trained_at(self, slot: str) -> str:
-        """Return a text that lists the kinds of objects that were picked from a given slot in training."""
+        """Return a string that lists the kinds of objects picked from the given slot during training."""
         kinds = [kind for kind, slots in sorted(self.exposure.trained.kind_slots.items()) if slot in slots]
         return listed([f"the {kind}" for kind in kinds])
 
@@ -524,7 +527,7 @@ def _openings(signals: JointSignals) -> str:
 
 
 def _grips(signals: JointSignals) -> str:
-    """Return a clause that states how often the jaw closed on something."""
+    """Return a clause that states how many times the jaw closed on something."""
     return f"the jaw closed on something {plural(len(signals.grasps), 'time')}"
 
 

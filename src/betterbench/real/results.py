@@ -1,4 +1,4 @@
-"""Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the order.
+"""Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the trial order.
 
 The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
 counted separately for each cell. A trial is damaged if its files differ from the recorded ones. It is then listed as
@@ -90,7 +90,7 @@ class JudgedTrial:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of planned trials of a policy, by result. The first five numbers add up to all planned trials.
+    """Numbers of planned trials of a policy, by result. The first five add up to the number of planned trials.
 
     Attributes:
         right: Number of trials with a correct outcome.
@@ -181,7 +181,7 @@ class PolicyResult:
         damaged: Finished but damaged trials of the policy.
         counts: Numbers of planned trials by result.
         lateness: Rates of late steps and frames.
-        diagnosis: Labeled trials in the form of a simulated diagnosis.
+        diagnosis: Labeled trials, converted to a diagnosis like that of a simulated run.
         matrices: Short-horizon and long-horizon diagnostic matrix.
         unscored: Number of unscored trials by matrix name, row and column.
     """
@@ -308,7 +308,8 @@ class TwinComparison:
         cells: Cells that have trials on the real arm or in simulation.
         same_side: Fraction of cells in which the policy mostly succeeds both on the real arm and in simulation, or in
             neither.
-        table: Two-by-two table of cells in which the policy mostly succeeds or not. The rows are the real arm.
+        table: Two-by-two table that counts the cells in which the policy mostly succeeds or mostly fails, on the real
+            arm (rows) and in simulation (columns).
         same_label: Fraction of real trials that have the most frequent label of the simulated trials in the cell.
     """
 
@@ -440,7 +441,7 @@ def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
 
 
 def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
-    """Return the JSON form of a damaged trial. It contains no values from the files of the trial."""
+    """Return a damaged trial as a JSON-serializable dict, without any values from the trial's files."""
     steps = ("steps", "late_steps", "held_steps", "limited_steps")
     return {
         **asdict(trial.planned),
@@ -479,7 +480,7 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
 
 
 def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
-    """Convert a real trial to a diagnosed trial as it results from simulation, for the matrices of the report."""
+    """Convert a real trial to the format of a diagnosed simulated trial, which the matrices of the report need."""
     planned, found = judged.trial.planned, judged.label
     resolved = resolve_condition(run.plan.task, planned.condition)
     right = label.kind is Kind.NONE
@@ -552,7 +553,7 @@ def _longest(names: Sequence[str]) -> int:
 
 
 def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> TwinComparison:
-    """Compare a run on the simulated twin with the policy of the protocol to which it belongs."""
+    """Compare a run on the simulated twin with the real trials of the same policy."""
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:

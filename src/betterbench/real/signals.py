@@ -242,7 +242,7 @@ class JointTrack:
         return times
 
     def steps(self, seconds: float) -> int:
-        """Return the number of rows in a duration, which is at least one."""
+        """Convert a duration to a number of rows, which is at least 1."""
         return steps_in(seconds, self.rate_hz)
 
 
@@ -268,7 +268,7 @@ def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
 
 
 def tool_path(arm: Floats) -> Floats:
-    """Return the tool positions (T, 3) in the base frame [m] that belong to joint angles (T, 5) [rad]."""
+    """Return the tool positions (T, 3) in the base frame [m] for joint angles (T, 5) [rad]."""
     place = _kinematics()
     return np.array([place(angles) for angles in arm.tolist()]).reshape(-1, 3)
 
@@ -492,7 +492,7 @@ def _opens_after(opening: Floats, row: int) -> int | None:
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which a jaw closes further because it has lost the object that it held, or None."""
+    """Return the row at which the jaw closes further because the object slipped out, or None."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

@@ -146,7 +146,7 @@ class CameraCorrection:
 
     @property
     def is_near(self) -> bool:
-        """Whether the camera is considered correctly placed."""
+        """Whether the camera is close enough to the pose of the simulated camera."""
         return self.distance_m <= NEAR_M and self.angle_deg <= NEAR_DEG
 
     @property
@@ -301,8 +301,8 @@ def _trusted(
 def _require_ruler(ruler_mm: float) -> None:
     """Raise InvalidInputError if the measured length of the printed ruler is not plausible.
 
-    This is the case if it is not a valid length, seems to have another unit, or shows that the sheet was scaled in
-    print.
+    This is the case if it is not a positive number, seems to be in a different unit, or shows that the sheet was scaled
+    by the printer.
     """
     if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
         return
