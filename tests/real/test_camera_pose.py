@@ -229,13 +229,13 @@ def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
 @pytest.mark.parametrize(
     ("ruler", "says"),
     [
-        (10.0, "seems to be in centimeters. Give the length in millimeters: 100.0"),
-        (3.94, "seems to be in inches. Give the length in millimeters: 100.1"),
-        (0.1, "seems to be in meters. Give the length in millimeters: 100.0"),
-        (0.0, "0 is not a length. Measure"),
-        (-100.0, "-100 is not a length"),
-        (float("nan"), "nan is not a length"),
-        (float("inf"), "inf is not a length"),
+        (10.0, "seems to be in centimeters. Pass the length in millimeters: 100.0"),
+        (3.94, "seems to be in inches. Pass the length in millimeters: 100.1"),
+        (0.1, "seems to be in meters. Pass the length in millimeters: 100.0"),
+        (0.0, "expected a positive length in millimeters, got 0. Measure"),
+        (-100.0, "expected a positive length in millimeters, got -100"),
+        (float("nan"), "positive length in millimeters, got nan"),
+        (float("inf"), "positive length in millimeters, got inf"),
     ],
 )
 def test_a_ruler_in_another_unit_does_not_ask_for_another_print(pictures, ruler, says):
@@ -354,10 +354,10 @@ def test_in_the_image_of_a_placed_camera_both_outlines_of_a_marker_are_the_same(
 def test_the_command_refuses_what_is_no_image(tmp_path, capsys):
     (tmp_path / "a.png").write_text("no image")
     for words, says in (
-        ([str(tmp_path / "a.png")], "is not readable as PNG or JPEG"),
+        ([str(tmp_path / "a.png")], "the file cannot be read as PNG or JPEG"),
         ([str(tmp_path / "b.png")], "b.png"),
-        ([], "Give either one image file or --camera 0"),
-        ([str(tmp_path / "a.png"), "--camera", "0"], "Give either one image file or --camera 0"),
+        ([], "Pass either one image file or --camera 0"),
+        ([str(tmp_path / "a.png"), "--camera", "0"], "Pass either one image file or --camera 0"),
         (["--camera", "/nowhere/video"], "sends no frames"),
     ):
         assert main(["real", "check-cameras", *words, "--ruler-mm", "100"]) == 2
@@ -403,7 +403,7 @@ def test_an_image_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path,
     path.write_bytes(white_png(*size))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(InvalidInputError, match=r"pixels\. Give an image of at most 64 million pixels"):
+        with pytest.raises(InvalidInputError, match=r"pixels\. Use an image of at most 64 million pixels"):
             images.image_of(path)
 
 

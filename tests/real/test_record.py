@@ -179,7 +179,7 @@ def test_a_damaged_trial_can_be_repeated_and_what_is_left_is_kept(folder, codes,
     repeat_damaged(folder, [codes[0]], "ada")
     run = read_run(folder)
     assert run.damaged == ()
-    assert "Restore the folder from a copy, or repeat the trial (better real run --repeat)" in run.aborted[0].reason
+    assert "Restore the folder from a copy, or repeat the trial (`better real run --repeat`)" in run.aborted[0].reason
     assert not place.exists()
     if damage not in ("folder", "link"):
         assert (folder / "aborted" / f"{codes[0]}-1").is_dir()

@@ -236,7 +236,9 @@ def _require_out(given: Sequence[str]) -> None:
     """Raise InvalidInputError if --out has an empty value, which would otherwise mean the current folder."""
     if "--out=" in given or any(pair == ("--out", "") for pair in itertools.pairwise(given)):
         raise InvalidInputError(
-            "--out", "the folder name is empty", "Give a folder, and check that every shell variable in its name is set"
+            "--out",
+            "the folder name is empty",
+            "Pass the name of a folder, and check that every shell variable in it is set",
         )
 
 
@@ -353,7 +355,7 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
         verb,
         function,
         task_file="Python file that defines your own tasks, assets or learners; may be given several times.",
-        asset_dir="Asset folder written by better assets import; may be given several times.",
+        asset_dir="Asset folder written by `better assets import`; may be given several times.",
     )
 
 

@@ -86,6 +86,6 @@ class Outlook:
             return None
         return (
             f"At most {duration(self.most_left_s)} left, estimated from the first {self.seen_s:.0f} s: {self.rate:.0f} "
-            f"steps per second, and {self._left:,} more steps if no trial ends early. Ctrl-C stops the run; the same "
-            f"command resumes it."
+            f"steps per second, and {self._left:,} more steps if no trial ends early. Ctrl-C stops the run; "
+            f"running the command again resumes it."
         )

@@ -51,16 +51,18 @@ class JudgeDesk:
             )
             raise RecordError(f"{folder}: {problem}")
         if not run.trials:
-            raise InvalidInputError(str(folder), "has no finished trial", "Run trials with better real run first")
+            raise InvalidInputError(
+                str(folder), "the protocol has no finished trial", "Run trials with `better real run` first"
+            )
         if any(same_name(person, other) for other in run.operators):
             problem = f"{person!r} is the operator of this protocol and knows conditions and policies"
             raise InvalidInputError(
-                "--person", problem, "Ask another person to judge, and give the name of that person"
+                "--person", problem, "Ask another person to judge, and pass the name of that person"
             )
         other = next((name for name in sorted(run.judges) if name != person and same_name(name, person)), None)
         if other is not None and person not in run.judges:
             problem = f"{person!r} differs only in spelling from {other!r}, who already judged here"
-            raise InvalidInputError("--person", problem, f"Give the name {other}, or a name that differs more clearly")
+            raise InvalidInputError("--person", problem, f"Use the name {other}, or a name that differs more clearly")
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)
@@ -114,20 +116,20 @@ class JudgeDesk:
         number = self.index + 1
         waiting = [k for k, other in enumerate(self.trials) if other.code not in self._mine]
         after = [k for k in waiting if k > self.index] or waiting
-        left = f"{plural(len(waiting), 'film')} left" if waiting else "this was the last film"
+        left = f"{plural(len(waiting), 'video')} left" if waiting else "this was the last video"
         if after:
             self.index = after[0]
-        self._say(f"film {number}: {outcome_named(outcome).title}; {left}")
+        self._say(f"video {number}: {outcome_named(outcome).title}; {left}")
 
     def _require_shown(self, trial: RealTrial) -> None:
         """Raise InvalidInputError if the operator has discarded a trial, or its videos cannot be shown."""
-        name = f"film {self.index + 1}"
+        name = f"video {self.index + 1}"
         state = read_run(self.folder).states[trial.code]
         if state.state != "done" or state.attempt != trial.header.attempt:
-            cure = "Choose another film; restart better real judge to see the repeated trial"
-            raise InvalidInputError(name, "has been discarded by the operator", cure)
+            cure = "Choose another video; restart `better real judge` to see the repeated trial"
+            raise InvalidInputError(name, "the operator has discarded this trial", cure)
         if not trial.header.films:
-            raise InvalidInputError(name, "this trial has no film, so it cannot be judged", "Choose another trial")
+            raise InvalidInputError(name, "this trial has no video, so it cannot be judged", "Choose another trial")
         for camera in trial.header.films:
             self.film(self.index, camera)
 
@@ -137,14 +139,14 @@ class JudgeDesk:
         The video of the undone entry is shown again.
         """
         if not self._made and self.chosen is None:
-            self._say("There is no entry to undo. Go to a film with an entry first.", is_problem=True)
+            self._say("There is no entry to undo. Go to a video with an entry first.", is_problem=True)
             return
         code = self._made.pop() if self._made else self.at_hand.code
         self.index = next(k for k, trial in enumerate(self.trials) if trial.code == code)
         trial = self.at_hand
         enter(self.folder, code, trial.header.attempt, author=self.person, role="judge", outcome=None)
         self._mine = _entries_of(read_run(self.folder), self.person)  # the undo may restore an earlier entry
-        self._say(f"film {self.index + 1}: entry undone")
+        self._say(f"video {self.index + 1}: entry undone")
 
     def film(self, number: int, camera: str) -> bytes:
         """Return a video (MP4) of a trial.
@@ -163,7 +165,7 @@ class JudgeDesk:
             logger.warning("%s", problem)
             told = "cannot be shown, because its file is missing or was changed; the terminal names the file"
             raise InvalidInputError(
-                f"film {number + 1}", told, "Continue with another film, and tell the operator"
+                f"video {number + 1}", told, "Continue with another video, and tell the operator"
             ) from problem
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:

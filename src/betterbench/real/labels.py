@@ -62,7 +62,7 @@ class Judged:
         )
         if not votes:
             seen_by = "" if operator is None else f" The operator entered {operator!r}, which is not blind."
-            return cls(None, f"No judge has seen the film.{seen_by}", votes, operator, notes)
+            return cls(None, f"No judge has seen the video.{seen_by}", votes, operator, notes)
         ranked = Counter(votes.values()).most_common()
         if 2 * ranked[0][1] <= len(votes):
             told = listed([f"{name}: {outcome}" for name, outcome in sorted(votes.items())])
@@ -224,7 +224,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
         return RealLabel(Label.POLICY_ERROR, "late_answers", text, 0.0, end, "record")
     problem = contradiction_of(setting, signals, judged.outcome)
     if problem:
-        text = f"{problem} Neither is trusted: check the film and the joint states, and enter the outcome again."
+        text = f"{problem} Neither is trusted: check the video and the joint states, and enter the outcome again."
         return RealLabel(None, "contradiction", text, 0.0, end, "nothing", problem)
     if not signals.moved:
         return _never_moved(setting, signals, judged)

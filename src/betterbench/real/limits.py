@@ -131,7 +131,9 @@ class Limiter:
             LimitError: If the state is not finite.
         """
         if not np.isfinite(state).all():
-            raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
+            raise LimitError(
+                f"The arm reports no finite position for {_named(~np.isfinite(state))}. Check its bus and cables."
+            )
         # An arm resting against a mechanical stop may be slightly outside its range.
         self._last = np.clip(state, self.low, self.high)
         self._over_s[:], self._stalled_s[:] = 0.0, 0.0
@@ -155,7 +157,9 @@ class Limiter:
         if not self._is_started:
             raise InvalidInputError("limits", "start was not called", "Call start with the measured state")
         if not np.isfinite(state).all():
-            raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
+            raise LimitError(
+                f"The arm reports no finite position for {_named(~np.isfinite(state))}. Check its bus and cables."
+            )
         self._watch(state, load)
         by = []
         if np.shape(asked) == (6,) and np.isfinite(asked).all():

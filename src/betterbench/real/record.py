@@ -60,7 +60,7 @@ SAMPLE_COLUMNS = {
 }
 """Columns of the samples: the type of each column, and the number of values per row (0 for a single value)."""
 
-_CURE = "Restore the folder from a copy, or repeat the trial (better real run --repeat)"
+_CURE = "Restore the folder from a copy, or repeat the trial (`better real run --repeat`)"
 _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
@@ -324,7 +324,7 @@ def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialP
         except RecordError:
             continue
         if header.code == code and header.attempt > states[code].attempt:
-            problem = f"has no line about attempt {header.attempt} of {code}, which is recorded in {place}"
+            problem = f"the journal has no line about attempt {header.attempt} of {code}, which is recorded in {place}"
             cure = f"{_JOURNAL_CURE}, or move {place} to another place to run the trial again"
             raise RecordError(f"{folder / JOURNAL_NAME}: {problem}. {cure}.")
 
@@ -360,7 +360,7 @@ class RealJournal(LineJournal):
     def _append(self, event: Event) -> None:
         after = self._states[event.code].after(event, str(self._path))
         form = asdict(event)
-        read_form(_EVENT, form, where="event", cure="Give another value")
+        read_form(_EVENT, form, where="event", cure="Use a different value")
         link = link_after(self._link, form)
         self._append_line({**form, LINK: link})
         self._link, self._states[event.code] = link, after
@@ -570,7 +570,7 @@ class RealTrial:
         """Read the samples of the trial. Raise RecordError if the file is missing, changed or damaged."""
         samples = Samples.read(self._checked(SAMPLES_NAME))
         if len(samples) != self.header.steps:
-            problem = f"has {len(samples)} rows, but {HEADER_NAME} names {self.header.steps}"
+            problem = f"the file has {len(samples)} rows, but {HEADER_NAME} states {self.header.steps}"
             raise RecordError(f"{self.folder / SAMPLES_NAME}: {problem}. {_CURE}.")
         return samples
 
@@ -594,11 +594,11 @@ class RealTrial:
         path = self.folder / name
         told = self.header.files.get(name)
         if told is None:
-            raise RecordError(f"{path}: is not listed in {HEADER_NAME}. {_CURE}.")
+            raise RecordError(f"{path}: the file is not listed in {HEADER_NAME}. {_CURE}.")
         if not path.is_file():
             raise RecordError(f"{path}: not found. {_CURE}.")
         if file_digest(path) != told:
-            raise RecordError(f"{path}: was changed after it was recorded. {_CURE}.")
+            raise RecordError(f"{path}: the file was changed after it was recorded. {_CURE}.")
         return path
 
 
@@ -667,7 +667,7 @@ class RealRun:
             if damaged.code == code:
                 raise RecordError(damaged.problem)
         self.plan.trial(code)
-        raise InvalidInputError("trial", f"{code} is not finished", "Run it with better real run")
+        raise InvalidInputError("trial", f"{code} is not finished", "Run it with `better real run`")
 
 
 def read_run(folder: Path) -> RealRun:
@@ -743,9 +743,9 @@ def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -
     """Read the header of a finished trial. Raise RecordError if it is not the header that the journal lists."""
     header = read_header(place)
     if file_digest(place / HEADER_NAME) != progress.record:
-        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} lists. {_CURE}.")
+        raise RecordError(f"{place / HEADER_NAME}: this is not the file that {journal} lists. {_CURE}.")
     if (header.code, header.attempt) != (code, progress.attempt):
-        problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
+        problem = f"this is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
         raise RecordError(f"{place / HEADER_NAME}: {problem} {code}. {_CURE}.")
     return header
 

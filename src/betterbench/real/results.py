@@ -557,15 +557,15 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:
-        problem = f"has no trial of {run.plan.task}; its tasks are: {', '.join(sorted(tasks)) or 'no task'}"
-        raise InvalidInputError(f"--sim {path}", problem, "Give a simulated run of the same task")
+        problem = f"the run has no trial of {run.plan.task}; its tasks are: {', '.join(sorted(tasks)) or 'no task'}"
+        raise InvalidInputError(f"--sim {path}", problem, "Pass a simulated run of the same task")
     mine = [p for p in policies if p.policy.address == diagnosis.address]
     if not mine and len(policies) == 1:
         mine = list(policies)
     if not mine:
         known = ", ".join(p.policy.address for p in policies)
-        problem = f"is a run of {diagnosis.address}, but the protocol has {known}"
-        raise InvalidInputError(f"--sim {path}", problem, "Evaluate the same policy on the twin with better eval")
+        problem = f"this is a run of {diagnosis.address}, but the protocol has {known}"
+        raise InvalidInputError(f"--sim {path}", problem, "Evaluate the same policy on the twin with `better eval`")
     return compare_matrices(mine[0].policy.name, mine[0].matrices, matrices_of(diagnosis), run=str(path))
 
 

@@ -225,7 +225,7 @@ class JointTrack:
             InvalidInputError: If the samples have fewer than two rows.
         """
         if len(samples) < 2:
-            problem = f"has {len(samples)} rows, but signals need at least two"
+            problem = f"the trial has {len(samples)} rows, but signals need at least two"
             raise InvalidInputError("samples", problem, "Repeat the trial")
         rows = round(float(samples.time_s[-1] - samples.time_s[0]) * rate_hz) + 1
         at = samples.time_s[0] + np.arange(max(2, rows)) / rate_hz

@@ -113,7 +113,7 @@ def _import(
 
     if out is None:
         raise InvalidInputError(
-            "--out", "no folder for the imported assets is given", "Name a folder, for example --out my_assets"
+            "--out", "no folder for the imported assets is given", "Pass a folder, for example --out my_assets"
         )
     if not given:
         raise InvalidInputError("assets import", "no file was given", "Name the mesh, URDF or MJCF files to import")
@@ -133,7 +133,7 @@ def _import(
             raise InvalidInputError(
                 option,
                 f"expected a number above 0, got {number:g}",
-                "Give the size in meters and the mass in kilograms",
+                "Use a size in meters or a mass in kilograms",
             )
     requests = _requests(catalogue, given, options)
     with progress_bar("import", len(requests)) as (bar, task):
@@ -180,7 +180,7 @@ def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
     except InvalidInputError as error:
         if Path(ids[0]).suffix:
             raise InvalidInputError(
-                ids[0], "the file does not exist", "Give an existing file, or the id of an asset in the catalogue"
+                ids[0], "the file does not exist", "Pass an existing file, or the id of an asset in the catalogue"
             ) from error
         raise
 

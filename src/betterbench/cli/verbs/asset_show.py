@@ -36,7 +36,7 @@ def show_asset_command(
 
     if len(ids) != 1:
         raise InvalidInputError(
-            "assets show", f"{len(ids)} ids are given", "Give one id, as listed by better assets search"
+            "assets show", f"{len(ids)} ids are given", "Pass one id, as listed by `better assets search`"
         )
     with Catalogue(catalogue or usual_folder()) as opened:
         entry = opened.entry(ids[0])

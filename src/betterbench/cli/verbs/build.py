@@ -61,7 +61,7 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
     from betterbench.generation.sense import require_groups
     from betterbench.json_form import read_bounded
 
-    cure = "Give a folder written by better generate"
+    cure = "Pass a folder written by `better generate`"
     found = []
     for path in paths:
         folder = path / "scenarios" if (path / "scenarios").is_dir() else path

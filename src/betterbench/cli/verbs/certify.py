@@ -79,7 +79,7 @@ def certify_command(
     of_package = arm.of(of_suite)
     if write_package and demonstrations is None and robot != of_package:
         problem = f"the certificate of {suite} is for robot {of_package!r}, but these tasks are for {robot!r}"
-        raise InvalidInputError("--write-package", problem, "Give the suite of these tasks with --suite")
+        raise InvalidInputError("--write-package", problem, "Pass the suite of these tasks with --suite")
     if write_package and suite not in SUITES:
         raise InvalidInputError(
             "--write-package", f"{suite} is not a packaged suite", f"Choose one of {', '.join(SUITES)}"
@@ -134,7 +134,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
     packaged = [name for name in tasks if destination(get_task(name).id) is None]
     if packaged and not write_package:
         problem = f"demonstrations of {packaged[0]} are already shipped with the suite"
-        raise InvalidInputError("--demonstrations", problem, "Give --tasks from a --task-file, or add --write-package")
+        raise InvalidInputError("--demonstrations", problem, "Use --tasks from a --task-file, or add --write-package")
     with progress_bar("measure", number * len(tasks)) as (bar, task):
 
         def told(progress: JobProgress[Demonstration]) -> None:

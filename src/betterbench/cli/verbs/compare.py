@@ -66,28 +66,36 @@ def compare_command(
 
     for path in runs:
         if not path.exists():
-            raise InvalidInputError(str(path), "does not exist", "Give run folders, or files written by better export")
+            raise InvalidInputError(
+                str(path), "the path does not exist", "Pass run folders, or files written by `better export`"
+            )
     static = [path for path in runs if is_static_run(path)]
     if static:
         given = {"--sequential": sequential, "--allow-mixed": allow_mixed, "--fail-if-worse": fail_if_worse}
         for option in (*(name for name, is_given in given.items() if is_given), *(["--out"] if out else [])):
-            raise InvalidInputError(option, "it is not used for runs of better vlm", f"Leave out {option}")
+            raise InvalidInputError(
+                option, "this option is not used for runs made with `better vlm`", f"Leave out {option}"
+            )
         _static(runs, static, name, alpha=alpha, column=column or "parsed", paper=paper, json=json)
         return
     if paper:
-        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave out --paper")
+        raise InvalidInputError(
+            "--paper", "this option applies only to runs made with `better vlm`", "Leave out --paper"
+        )
     if column is not None:
-        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave out --column")
+        raise InvalidInputError(
+            "--column", "this option applies only to runs made with `better vlm`", "Leave out --column"
+        )
     folders = [RunFolder.open(path) for path in runs if path.is_dir()]
     if len(folders) == len(runs) and is_across(folders):
         if sequential or fail_if_worse:
             option = "--sequential" if sequential else "--fail-if-worse"
-            raise InvalidInputError(option, "it applies only to runs of one suite", f"Leave out {option}")
+            raise InvalidInputError(option, "this option applies only to runs of one suite", f"Leave out {option}")
         _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:
         raise InvalidInputError(
-            "--out", "it applies only to runs of several suites", "Leave out --out, or use `better report`"
+            "--out", "this option applies only to runs of several suites", "Leave out --out, or use `better report`"
         )
     with progress_bar("diagnosing", 0, stays=False) as (bar, task):
 
@@ -164,11 +172,13 @@ def _prediction(
 
     if name and len(name) != len(runs):
         problem = f"got {len(name)} names for {len(runs)} runs"
-        raise InvalidInputError("--name", problem, "Give --name once per run, or leave out --name")
+        raise InvalidInputError("--name", problem, "Pass one --name per run, or leave out --name")
     acted = [path for path in runs if path not in static]
     if any(not path.is_dir() for path in acted):
         other = next(path for path in acted if not path.is_dir())
-        raise InvalidInputError(str(other), "is not a run folder", "Give the folder of a run of better eval")
+        raise InvalidInputError(
+            str(other), "this is not a run folder", "Pass the folder of a run made with `better eval`"
+        )
     names = list(name) or [str(i) for group in (static, acted) for i in range(len(group))]
     paths = list(runs) if name else [*static, *acted]
     sides: dict[str, dict[bool, Path]] = {}
@@ -177,13 +187,15 @@ def _prediction(
         if (path in static) in pair:
             kind = "better vlm" if path in static else "better eval"
             problem = f"{pair[path in static]} and {path} are both runs of {kind} named {called!r}"
-            raise InvalidInputError("--name", problem, "Give one run of better vlm and one of better eval per policy")
+            raise InvalidInputError(
+                "--name", problem, "Pass one run made with `better vlm` and one made with `better eval` per policy"
+            )
         pair[path in static] = path
     for pair in sides.values():
         if len(pair) < 2:
             missing = "better eval" if True in pair else "better vlm"
             problem = f"{next(iter(pair.values()))} has no run of {missing}"
-            cure = "Give the two runs of each policy, with the same --name or in the same order"
+            cure = "Pass both runs of each policy, with the same --name or in the same order"
             raise InvalidInputError("better compare", f"{problem} for the same policy", cure)
     found = [
         (called if name else None, read_static_run(pair[True]), diagnosed(RunFolder.open(pair[False])))

@@ -92,7 +92,7 @@ def _require_hash(text: str | None) -> None:
         raise InvalidInputError(
             "--expect",
             f"{text!r} is not the hash of a set",
-            "Give the 64 hexadecimal digits that better dataset printed",
+            "Pass the 64 hexadecimal digits printed by `better dataset`",
         )
 
 

@@ -147,12 +147,14 @@ def _knowledge(
 
     if questions is None and not (answers.absolute().parent / SET_NAME).exists():
         problem = f"the folder of {answers} contains no question set"
-        raise InvalidInputError("--questions", problem, "Give the folder of the question set that was answered")
+        raise InvalidInputError("--questions", problem, "Pass the folder of the question set that was answered")
     asked = read_set(answers.absolute().parent if questions is None else questions)
     asked.require_about(folder)
     known = knowledge_of(result, asked, read_answers(answers, asked))
     if not known.is_complete:
-        say("Not stored for the report: not every question has an answer yet. Ask the rest with better vqa SET --ask.")
+        say(
+            "Not stored for the report: not every question has an answer yet. Ask the rest with `better vqa SET --ask`."
+        )
     elif not keep:
         with _said_if_not_kept("the report will not show it", knowledge_path(folder)):
             store_knowledge(folder, known)

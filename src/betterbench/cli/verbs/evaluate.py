@@ -185,7 +185,7 @@ def evaluate_command(
 
     if engine == "local":
         _refuse_changed(
-            ray, "it applies to Ray clusters, but the engine is local", "Add --engine ray, or leave out {option}"
+            ray, "this option is for Ray clusters, but the engine is local", "Add --engine ray, or leave out {option}"
         )
     chosen_world = world_of_suite(chosen.suite)
     _refuse_other_options(world, chosen_world)
@@ -270,7 +270,9 @@ def _plan(
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it applies only to a repeated run", "Add --from RUN, or leave out this option"
+            "--allow-other-versions",
+            "this option applies only to a repeated run",
+            "Add --from RUN, or leave out this option",
         )
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)
@@ -283,7 +285,7 @@ def _plan(
         return plan
     if policy is None:
         raise InvalidInputError(
-            "--policy", "no policy is given", "Give a policy address, or --from RUN to repeat a run"
+            "--policy", "no policy is given", "Pass a policy address, or --from RUN to repeat a run"
         )
     options = asdict(chosen) | asdict(arm)
     del options["suite"]
@@ -297,10 +299,10 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
 
     if from_run is not None:
         raise InvalidInputError(
-            "--from", f"runs of {chosen.suite} cannot be repeated", "Give --suite and --policy instead"
+            "--from", f"runs of {chosen.suite} cannot be repeated", "Use --suite and --policy instead"
         )
     if policy is None:
-        raise InvalidInputError("--policy", "no policy is given", "Give the address of a policy")
+        raise InvalidInputError("--policy", "no policy is given", "Pass the address of a policy")
     _refuse_changed(
         replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
         f"the option does not apply to {chosen.suite}",
@@ -340,7 +342,9 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
     option = f"--{name.replace('_', '-')}"
     others = [other for other in all_worlds() if has(other, name)]
     titles, suite = listed([other.facts.title for other in others]), next(iter(others[0].facts.suites))
-    raise InvalidInputError(option, f"it applies only to {titles}", f"Leave out {option}, or give --suite {suite}")
+    raise InvalidInputError(
+        option, f"this option applies only to {titles}", f"Leave out {option}, or use --suite {suite}"
+    )
 
 
 def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str, cure: str) -> None:
@@ -533,7 +537,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         )
     broken = counts["errors"]["k"]
     if broken:
-        OUT.print(f"broken      {broken} trials could not be run; the same command runs them again", markup=False)
+        OUT.print(f"broken      {broken} trials could not be run; running the command again repeats them", markup=False)
     failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"

@@ -75,8 +75,8 @@ def export_command(
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
-        named = "Give the folder of the run, the --out of better eval or better collect"
-        compared = f"Give the folders of the runs to compare {check} with"
+        named = "Pass the folder of the run, which is the --out of `better eval` or `better collect`"
+        compared = f"Pass the folders of the runs to compare with {check}"
         raise InvalidInputError("runs", "no run was given", named if check is None else compared)
     if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
@@ -113,7 +113,7 @@ def _export_samples(
     from betterbench.vlm.samples import write_samples
 
     for option in refused:
-        raise InvalidInputError(option, "it is not used by the lmms-eval export", f"Leave out {option}")
+        raise InvalidInputError(option, "this option is not used by the lmms-eval export", f"Leave out {option}")
     files = [write_samples(run, out or run / "lmms_eval", overwrite=overwrite) for run in runs]
     document = {"files": [str(file) for file, _ in files], "samples": [count for _, count in files]}
     _tell(document, "\n".join(f"{count} samples\nwritten to  {file}" for file, count in files), as_json=as_json)
@@ -124,7 +124,7 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     for option, value in given.items():
         if value:
             cure = f"Add --to {', --to '.join(_PRESETS)}, or leave out {option}"
-            raise InvalidInputError(option, f"applies only to data sets, and {to} is not a data set", cure)
+            raise InvalidInputError(option, f"this option applies only to data sets, and {to} is not a data set", cure)
 
 
 def _is_dataset(path: Path) -> bool:
@@ -166,7 +166,7 @@ def _export_dataset(
 
     if out is None:
         what = "file, such as demos.hdf5" if to == "robomimic" else "folder of the data set"
-        raise InvalidInputError("--out", "is missing", f"Give the {what}")
+        raise InvalidInputError("--out", "this option is required", f"Pass the {what}")
     folders = [RunFolder.open(run) for run in runs]
     layout = layout_of(options.preset, options.observation, robot=robot_of_runs(folders))
     selection = select_demonstrations(folders, tasks=options.tasks, variations=options.variations)
@@ -236,7 +236,7 @@ def _export_outcomes(
 
     if len(runs) > 1:
         raise InvalidInputError(
-            "runs", f"{len(runs)} runs were given", "Give one run, or add --to lerobot for a data set"
+            "runs", f"{len(runs)} runs were given", "Pass one run, or add --to lerobot for a data set"
         )
     folder = RunFolder.open(runs[0])
     if check is not None:

@@ -86,7 +86,9 @@ def generate_command(
 
         if build:
             raise InvalidInputError(
-                "--build", "cannot be combined with --until, which already builds the tasks", "Leave out --build"
+                "--build",
+                "this option cannot be combined with --until, which already builds the tasks",
+                "Leave out --build",
             )
         asked = read_quotas(quota, quotas)
         growing = GrowSettings(until, settings, options.settings, asked, distinct, unlike, max_attempts, options.name)
@@ -95,7 +97,7 @@ def generate_command(
     given = {"--quota": quota, "--quotas": quotas, "--unlike": unlike, "--max-attempts": max_attempts}
     _require_unused(given, "--until", "a number of tasks")
     if not target:
-        cure = "Give a template (see better list templates), a sentence in quotes, or --until for a suite"
+        cure = "Pass a template (see `better list templates`), a sentence in quotes, or --until for a suite"
         raise InvalidInputError("better generate", "no template was given", cure)
     with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
@@ -120,7 +122,7 @@ def _require_unused(options: Mapping[str, object], needed: str, what: str) -> No
     """Raise InvalidInputError if an option is given that has no effect without another option."""
     given = next((name for name, value in options.items() if value not in (None, ())), None)
     if given is not None:
-        raise InvalidInputError(given, f"has no effect without {needed}", f"Give {needed} with {what}")
+        raise InvalidInputError(given, f"this option has no effect without {needed}", f"Add {needed} with {what}")
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:

@@ -106,7 +106,7 @@ def _trial(text: str) -> TrialId:
     condition, _, seed = rest.partition("/")
     if not (task and condition and seed.isascii() and seed.isdigit()):
         raise InvalidInputError(
-            "--trial", f"{text!r} does not name a trial", "Give TASK/CONDITION/SEED, such as fast_food/T1/0"
+            "--trial", f"{text!r} is not a trial", "Write TASK/CONDITION/SEED, such as fast_food/T1/0"
         )
     return TrialId(task, condition, int(seed))
 
@@ -142,7 +142,7 @@ def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
     if found.is_of_another_run:
         return (
             f"{place}: the files do not belong to the records of {run}. For example, one file belongs to "
-            f"{found.strangers[0]}. Give the run from which the files were rendered, or another --out to render this "
+            f"{found.strangers[0]}. Pass the run from which the files were rendered, or another --out to render this "
             "run."
         )
     listed = [f"{problem.path.relative_to(place)} {problem.text}" for problem in found.problems]

@@ -54,7 +54,7 @@ def place_command(
 
     of_suite = suite_tasks(suite)
     if arm.robot is None:
-        raise InvalidInputError("--robot", "no robot was given", "Give the robot to which the tasks are to be adapted")
+        raise InvalidInputError("--robot", "no robot was given", "Choose the robot to which to adapt the tasks")
     require_between("--trials", trials, 1, 1000)
     seeds = trials if measure else 0
     spec = robot(arm.robot)

@@ -52,7 +52,7 @@ def premise_command(
             raise InvalidInputError(
                 "--suites",
                 f"{name} is not a suite of the world {world}",
-                "Give suites of this world, or choose the other world",
+                "Pass suites of this world, or choose the other world",
             )
     path = out or Path(f"premises-{world}.jsonl")
     found: list[PremiseEntry] = []

@@ -57,7 +57,7 @@ def check_cameras_command(
         require_between("--camera-size", pixels, 120, 4096)
     if len(images) + bool(camera) != 1:
         problem = f"{len(images)} images and {'a' if camera else 'no'} camera are given"
-        raise InvalidInputError("check-cameras", problem, "Give either one image file or --camera 0")
+        raise InvalidInputError("check-cameras", problem, "Pass either one image file or --camera 0")
     image = live_image(camera, camera_size) if camera else image_of(images[0])
     found = measure_camera(image, ruler_mm=ruler_mm, fovy_deg=fovy_deg)
     twin = twin_camera()

@@ -92,7 +92,7 @@ def run_command(
     else:
         if mock_faults:
             raise InvalidInputError(
-                "--mock-faults", "they apply only to the mock arm", "Leave out --mock-faults, or give --robot mock"
+                "--mock-faults", "they apply only to the mock arm", "Leave out --mock-faults, or use --robot mock"
             )
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
     if repeat:
@@ -174,7 +174,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
                 raise InvalidInputError(
                     "--mock-faults", f"{value!r} is not a valid value for {name}", "Use a number"
                 ) from None
-    made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
+    made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Use a different value")
     names = tuple(text.partition("=")[0] for text in cameras)
     return MockRobot(plan, faults=made, cameras=names, size=size)
 
@@ -188,8 +188,8 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 
     if path is None:
         return None
-    raw = read_bounded(path, max_bytes=1 << 16, cure="Give a JSON file")
-    return read_form(TypeAdapter(SafetyLimits), raw, where=str(path), cure="Give another value")
+    raw = read_bounded(path, max_bytes=1 << 16, cure="Use a JSON file")
+    return read_form(TypeAdapter(SafetyLimits), raw, where=str(path), cure="Use a different value")
 
 
 @contextmanager

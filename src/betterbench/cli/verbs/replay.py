@@ -87,7 +87,7 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     if run is None or Path(os.path.realpath(run.record_path(meta.task, meta.condition, meta.seed))) != place:
         trial = one_line(f"{meta.task}/{meta.condition}/{meta.seed}")
         raise RecordError(
-            f"{record}: the record is not in its run folder, which contains the scene. Give the path in that folder, "
+            f"{record}: the record is not in its run folder, which contains the scene. Pass the path in that folder, "
             f"or move the record back to RUN/records/{trial}.parquet."
         )
     return run, meta

@@ -64,19 +64,21 @@ def review_command(
         _agree(given[1:], json=json)
         return
     if json:
-        raise InvalidInputError("--json", "it applies only to better review agree", "Leave out --json")
+        raise InvalidInputError("--json", "this option applies only to `better review agree`", "Leave out --json")
     if word == "apply":
         _apply(given[1:], out, overwrite=overwrite)
         return
     if word == "scenes":
         if given[1:]:
             problem = f"unexpected argument {given[1]}"
-            raise InvalidInputError("review scenes", problem, "Give tasks with --tasks")
+            raise InvalidInputError("review scenes", problem, "Pass tasks with --tasks")
         _review_scenes(tasks, author, out or Path("scene_reviews.jsonl"), host=host, port=port)
         return
     if tasks:
         problem = "the review of objects does not use tasks"
-        raise InvalidInputError("--tasks, --suite", problem, "Review scenes: better review scenes --tasks TASK")
+        raise InvalidInputError(
+            "--tasks, --suite", problem, "To review scenes, run `better review scenes --tasks TASK`"
+        )
     _review_objects(given, author, out or Path("reviews.jsonl"), host=host, port=port)
 
 
@@ -133,7 +135,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no asset folder was given", "Give the folder with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder was given", "Pass the folder with --asset-dir")
     return folders
 
 
@@ -163,7 +165,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
     if len(files) != 1 or out is None:
         problem = "no folder is given" if len(files) == 1 else f"{len(files)} review files are given"
         raise InvalidInputError(
-            "review apply", problem, "Write, for example, better review apply reviews.jsonl --out DIR"
+            "review apply", problem, "Write, for example, `better review apply reviews.jsonl --out DIR`"
         )
     (file,) = files
     if not is_scene_review(file):
@@ -196,7 +198,9 @@ def _agree(files: tuple[Path, ...], *, json: bool) -> None:
 
     if len(files) != 2:
         problem = f"{len(files)} files are given"
-        raise InvalidInputError("review agree", problem, "Write, for example, better review agree ada.jsonl bob.jsonl")
+        raise InvalidInputError(
+            "review agree", problem, "Write, for example, `better review agree ada.jsonl bob.jsonl`"
+        )
     found = agreement(*files)
     if json:
         print_json(found.to_json())

@@ -114,7 +114,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
-                raise InvalidInputError(option, "it applies only with --task", "Add --task TASK")
+                raise InvalidInputError(option, "this option applies only with --task", "Add --task TASK")
         return None
     from betterbench.evaluation import named_trial
 

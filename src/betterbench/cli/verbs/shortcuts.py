@@ -130,10 +130,10 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     folder = _run_in(data)
     if not (folder / "run.json").exists():
         problem = "the folder is neither a run nor a LeRobot dataset"
-        raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
+        raise InvalidInputError(str(data), problem, "Pass a folder with run.json, or with meta/info.json")
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
-            problem = f"applies only to LeRobot datasets, and {data} is a run"
+            problem = f"this option applies only to LeRobot datasets, and {data} is a run"
             raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave out this option")
     run = RunFolder.open(folder)
     entries = list(run.entries())

@@ -77,7 +77,7 @@ def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan
 
     if (file is None) == (preset is None):
         raise InvalidInputError(
-            "the plan", "expected exactly one plan", "Give either a YAML file or a preset, such as --preset small"
+            "the plan", "expected exactly one plan", "Pass either a YAML file or a preset, such as --preset small"
         )
     tasks = {} if suite is None else {"tasks": list(suite_tasks(suite))}
     if file is not None:

@@ -109,12 +109,14 @@ def vlm_command(
         return
     if fetched is not None:
         raise InvalidInputError(
-            "better vlm", f"unexpected argument {fetched!r}", "Give one benchmark, or fetch BENCHMARK"
+            "better vlm", f"unexpected argument {fetched!r}", "Pass one benchmark, or fetch BENCHMARK"
         )
     chosen = None if benchmark == PROBE else find_benchmark(benchmark)
     if model is None:
         raise InvalidInputError(
-            "--model", "is missing", "Give an endpoint as URL#MODEL, for example http://localhost:8000/v1#my-model"
+            "--model",
+            "this option is required",
+            "Pass an endpoint as URL#MODEL, for example http://localhost:8000/v1#my-model",
         )
 
     from betterbench.learning.training.model_kind import LEARNER_MODEL
@@ -127,7 +129,7 @@ def vlm_command(
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError(
-            "--max-tiles", f"--eyes {eyes} uses one tile per image", "Leave out --max-tiles, or give --eyes native"
+            "--max-tiles", f"--eyes {eyes} uses one tile per image", "Leave out --max-tiles, or use --eyes native"
         )
     kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
     options = ModelOptions(
@@ -152,7 +154,7 @@ def vlm_command(
         _probe(kind.make(options, None), out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
     if out is None:
-        raise InvalidInputError("--out", "is missing", "Give the run folder")
+        raise InvalidInputError("--out", "this option is required", "Pass the run folder")
 
     from betterbench.cli.output.vlm import acted_form, print_run
     from betterbench.vlm.prompts import find_prompt
@@ -197,7 +199,9 @@ def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
         return None
     if price_in is None or price_out is None:
         missing = "--price-in" if price_in is None else "--price-out"
-        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or leave out both")
+        raise InvalidInputError(
+            missing, "this price is missing", "Pass both prices per million tokens, or leave out both"
+        )
     return Prices(price_in, price_out)
 
 
@@ -240,8 +244,8 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
     """Return the items of a benchmark. If no data folder is given, make a new question set."""
     if data is None:
         if chosen.source.repository:
-            cure = f"Give the folder with its data; better vlm fetch {chosen.name} explains what it must contain"
-            raise InvalidInputError("--data", "is missing", cure)
+            cure = f"Pass the folder with its data; `better vlm fetch {chosen.name}` explains what it must contain"
+            raise InvalidInputError("--data", "this option is required", cure)
         data = _made(questions, workers)
     elif not chosen.source.repository:
         say(f"set: {data}")
@@ -276,17 +280,17 @@ def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
 
     if name is None:
         raise InvalidInputError(
-            "better vlm fetch", "no benchmark was given", "Run better vlm fetch BENCHMARK --data DIR"
+            "better vlm fetch", "no benchmark was given", "Run `better vlm fetch BENCHMARK --data DIR`"
         )
     chosen = find_benchmark(name)
     from betterbench.cli.output.vlm import print_source
     from betterbench.vlm.fetching import fetch_data
 
     if not chosen.source.repository:
-        raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run better vlm {chosen.name}")
+        raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run `better vlm {chosen.name}`")
     if folder is None:
         print_source(chosen)
-        raise InvalidInputError("--data", "is missing", "Give the folder for the data")
+        raise InvalidInputError("--data", "this option is required", "Pass the folder for the data")
     with progress_bar(f"data of {chosen.name}", 0) as (bar, task):
         fetched = fetch_data(
             chosen, folder, on_progress=lambda done, total: bar.update(task, completed=done, total=total or None)
