@@ -197,7 +197,7 @@ def test_a_page_that_is_turned_around_is_named(page):
     whole = sheet_picture().copy()
     there = part(TILES[page - 1])
     whole[there] = whole[there][::-1, ::-1].copy()
-    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as on"):
+    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as shown on"):
         measure_camera(rendered(POSES["placed"], picture=whole))
 
 
@@ -216,7 +216,7 @@ def test_the_near_row_of_pages_alone_does_not_place_a_camera(name):
     half = np.full_like(sheet_picture(), 255)
     for tile in TILES[3:]:
         half[part(tile)] = sheet_picture()[part(tile)]
-    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Show more markers to the camera"):
+    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Move the camera so that it sees more markers"):
         measure_camera(rendered(POSES[name], picture=half))
 
 
@@ -283,7 +283,7 @@ def test_a_marker_that_is_seen_twice_is_refused(pictures):
     "image", [np.zeros((480, 640), np.uint8), np.zeros((480, 640, 3)), np.zeros((8, 8, 3), np.uint8)]
 )
 def test_other_arrays_are_refused(image):
-    with pytest.raises(InvalidInputError, match="Give a color image"):
+    with pytest.raises(InvalidInputError, match="Use a color image"):
         measure_camera(image)
 
 
