@@ -232,7 +232,7 @@ def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = 
     """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
     Args:
-        what: Name of the work.
+        what: Short description of the work.
         total: Amount of work; 0 if it is not known yet.
         estimate: Whether to show the elapsed or remaining time, and to print progress lines if standard error is not a
             terminal. Set it to False if the note next to the bar already contains these times.

@@ -59,8 +59,8 @@ class Verb:
         function: Location of the function: "module:name" in the package of subcommands, or the full name if the
             function belongs to the package betterbench-calibration.
         takes_tasks: Whether the subcommand accepts ``--task-file`` and ``--asset-dir``.
-        takes_suite: Whether the subcommand also accepts ``--suite``. If it does and ``--tasks`` is not given, the
-            subcommand works on the tasks of the suite.
+        takes_suite: Whether the subcommand also accepts ``--suite``. If ``--tasks`` is not given, such a subcommand
+            works on the tasks of the suite.
         takes_run_file: Whether the options may be given in a run file.
         commands: Nested commands, each with its own options, such as "import" in ``better assets import``. If there are
             nested commands, the function of the subcommand itself only provides the overview in the help.
@@ -306,8 +306,8 @@ def _show_overview(given: Sequence[str]) -> None:
 def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
     """Return the function that represents a subcommand in the overview.
 
-    If ``with_options`` is set and the package of the subcommand is installed, this is the subcommand itself. Otherwise,
-    it is an empty function whose docstring is the summary of the subcommand.
+    If ``with_options`` is set and the package of the subcommand is installed, return the subcommand itself. Otherwise,
+    return an empty function with the summary of the subcommand as its docstring.
     """
     if with_options:
         with suppress(MissingDependencyError):

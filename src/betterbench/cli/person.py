@@ -1,4 +1,4 @@
-"""Helpers for subcommands that serve a web page: they check the name of the user and end the process."""
+"""Helpers for subcommands that serve a web page: check the user's name, and end the process."""
 
 from __future__ import annotations
 

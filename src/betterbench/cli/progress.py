@@ -37,12 +37,12 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that are not used by counts and times among the name, the bar and the note.
+    """Divide the remaining columns of the progress line among the name of the work, the bar and the note.
 
     All parts except the first include a leading space.
 
     Args:
-        room: Number of free columns.
+        room: Number of columns that are not used by counts and times.
         what: Width of the work's name in columns.
         note: Width of the note in columns.
         note_first: Whether the note has priority over bar and name; otherwise the note is shortened first.

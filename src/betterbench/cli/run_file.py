@@ -107,7 +107,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Reject aliases and deep nesting. They can be slow to parse, and options do not need them."""
+    """Reject aliases and deep nesting, which can be slow to parse and which options never need."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)

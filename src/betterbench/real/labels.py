@@ -76,7 +76,7 @@ class RealLabel:
 
     Attributes:
         label: Label, or None for a trial that is not scored.
-        rule: Name of the rule that gave the label. Rules of the simulated diagnosis keep their names.
+        rule: Name of the rule that determined the label. Rules of the simulated diagnosis keep their names.
         text: Evidence in one or more sentences.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
@@ -235,7 +235,10 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
 
 
 def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | None) -> str:
-    """Describe how the joint states contradict an outcome, in one or two sentences; empty if they do not."""
+    """Describe in one or two sentences how the joint states contradict an outcome.
+
+    Return an empty string if they do not.
+    """
     if outcome is None:
         return ""
     said = f"The judges entered {outcome!r} ({outcome_named(outcome).title})"

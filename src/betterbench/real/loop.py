@@ -55,7 +55,7 @@ class Controls:
     Attributes:
         end: Set to end the trial and keep its result.
         stop: Set to stop the arm immediately and discard the attempt.
-        show: Called with the newest reading, which is displayed on a page.
+        show: Called with the newest reading of the robot, to display it on a page.
         why: Reason for a stop.
     """
 

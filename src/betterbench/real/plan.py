@@ -252,7 +252,7 @@ def _stream(seed: int, purpose: str) -> np.random.Generator:
 def _ordered(
     conditions: Sequence[str], policies: Sequence[str], repeats: int, seed: int
 ) -> list[tuple[int, int, str, str]]:
-    """Return the trials in order, each as a tuple of block, scene seed, condition and policy."""
+    """Return the trials in the order of their execution, as tuples of block, scene seed, condition and policy."""
     found = []
     for block in range(repeats):
         order = _stream(seed, f"order {block}")

@@ -198,7 +198,10 @@ class PolicyResult:
 
     @property
     def labels(self) -> tuple[tuple[str, int], ...]:
-        """Labels with the number of trials that have each, most frequent first. Ambiguous trials are left out."""
+        """Labels and the number of trials with each label, starting with the most frequent.
+
+        Ambiguous trials are left out.
+        """
         counts = Counter(t.label.name for t in self.trials if not t.ambiguous)
         counts.update(UNSCORED for t in self.damaged if not _is_ambiguous(t.planned, self.task))
         return tuple(sorted(counts.items(), key=lambda item: (-item[1], item[0])))

@@ -392,7 +392,10 @@ def _descents(height: Floats) -> list[int]:
 
 
 def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
-    """Return the closings of the jaw. A closing reduces the opening by ``jaw_moves`` and ends when the jaw stops."""
+    """Return the closings of the jaw.
+
+    A closing reduces the opening by at least ``jaw_moves`` and ends when the jaw stops.
+    """
     found = []
     opening = track.opening
     for start, end in _falls(track):
@@ -484,7 +487,7 @@ def _grip(track: JointTrack, end: int) -> Grip:
 def _opens_after(opening: Floats, row: int) -> int | None:
     """Return the first later row at which the jaw has opened again, or None.
 
-    It has opened again if it is wider by ``jaw_moves`` than at its narrowest.
+    It has opened again if it is at least ``jaw_moves`` wider than at its narrowest.
     """
     low = np.minimum.accumulate(opening[row:])
     wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)

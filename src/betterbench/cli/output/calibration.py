@@ -1,4 +1,4 @@
-"""Text output of a calibration, which tests the diagnosis on policies with known faults."""
+"""Functions that print a calibration, which tests the diagnosis on policies with known faults."""
 
 from __future__ import annotations
 

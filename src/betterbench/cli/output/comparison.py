@@ -1,4 +1,4 @@
-"""Text output of a comparison of policies."""
+"""Functions that print a comparison of policies."""
 
 from __future__ import annotations
 

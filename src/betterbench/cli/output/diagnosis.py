@@ -1,4 +1,4 @@
-"""Text output of a diagnosis, and of the changes since the stored diagnosis."""
+"""Functions that print a diagnosis and the changes since the stored diagnosis."""
 
 from __future__ import annotations
 

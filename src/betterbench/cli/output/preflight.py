@@ -1,4 +1,4 @@
-"""Text output of the preflight check (``better doctor --policy``)."""
+"""Functions that print the preflight check (``better doctor --policy``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text output of static evaluations of vision-language models."""
+"""Functions that print static evaluations of vision-language models."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_GROUPS = 12
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
-    """Print the scores of a run, the scores computed by upstream programs, and the caveats of the comparison.
+    """Print the scores of a run, the scores computed by upstream programs, and caveats for comparing them.
 
     Args:
         benchmark: Benchmark that was run.
@@ -57,7 +57,7 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
 
 
 def print_steps(table: StepTable) -> None:
-    """Print the scores of several runs in order, and the steps (changes of the scores) from one run to the next."""
+    """Print the scores of several runs, and the steps (changes of the scores) from each run to the next."""
     heads = {name: find_benchmark(name).title for name in table.benchmarks}
     rows = [
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
@@ -227,7 +227,7 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
 def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> None:
     """Print a model's static illusion gaps (measured with questions about images) by axis and by type.
 
-    If the run of a policy is given, the illusion gaps of its actions are printed next to them.
+    If the run of a policy is given, the illusion gaps of the policy are printed next to them.
     """
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)

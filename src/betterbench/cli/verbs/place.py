@@ -78,7 +78,7 @@ def place_command(
 
 
 def _form(placed: Placed, found: Feasibility) -> dict[str, Any]:
-    """Return the JSON form of a task's measurements."""
+    """Return a task's measurements as a JSON-serializable dict."""
     return {"task": placed.task.id, "base_m": list(placed.base_m), "outside": list(placed.outside), **asdict(found)}
 
 

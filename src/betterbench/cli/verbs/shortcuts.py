@@ -103,7 +103,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return the facts about the demonstrations, the shortcut audit, and the prediction for the variations."""
+    """Return what is known about the demonstrations, the shortcut audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -115,7 +115,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts about the demonstrations, the hash of the set, and a description of how the data were read.
+    """Return what is known about each demonstration, the hash of the set, and how the data were read.
 
     For a LeRobot dataset, the hash is an empty string.
     """
@@ -152,7 +152,10 @@ def _run_in(data: Path) -> Path:
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return how much the demonstrations of a run differ from each other, by task. Empty for a LeRobot dataset."""
+    """Return how much the demonstrations of a run differ from each other, by task.
+
+    Return an empty result for a LeRobot dataset.
+    """
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 

@@ -25,7 +25,8 @@ def show_command(
     Example: better show fast_food/T1 --out t1.png
 
     Args:
-        what: TASK to draw its training conditions, or TASK/VARIATION to draw a test scene.
+        what: TASK draws the training conditions of a task; TASK/VARIATION draws a test scene next to its training
+            scene.
         out: PNG or JPEG file to write.
         seed: Seed of both scenes.
         size: Side length of each image in pixels.

@@ -355,7 +355,7 @@ def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return how well the markers of a page fit if this page lies at the place of another page.
+    """Return how badly the markers of a page fit if the page lies in the place of another page.
 
     The result is the largest distance of a marker corner from its expected position [mm].
     """
@@ -381,7 +381,7 @@ def opencv() -> Any:  # noqa: ANN401 - a module without types
 
 
 def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
-    """Find the markers of the sheet in an image, and return their (4, 2) corners [pixels] by marker number.
+    """Find the markers of the sheet in an image, and return the (4, 2) corners [pixels] of each, by marker number.
 
     Raises:
         InvalidInputError: If a marker occurs twice in the image.
