@@ -192,7 +192,7 @@ def better_command() -> str:
 
 
 _ADVISED = re.compile(
-    r"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better "
+    r"(?<![\w./-])(?<!\bof )(?<!\bof `)(?<!\bmade with `)(?<!\bthat )(?<!\bwhich )better "
     rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
 )
 """Pattern of ``better`` at the start of a command, but not in running text ("a run of better collect")."""

@@ -194,7 +194,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("eval", "--policy", "expert", "--out", ""), "--out: the folder name is empty"),
         (("eval", "--policy", "expert", "--out="), "--out: the folder name is empty"),
         (("export",), "runs: no run was given"),
-        (("export", "--check", "set"), "the folders of the runs to compare set with"),
+        (("export", "--check", "set"), "the folders of the runs to compare with set"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
 )

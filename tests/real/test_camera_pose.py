@@ -197,7 +197,9 @@ def test_a_page_that_is_turned_around_is_named(page):
     whole = sheet_picture().copy()
     there = part(TILES[page - 1])
     whole[there] = whole[there][::-1, ::-1].copy()
-    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as shown on"):
+    with pytest.raises(
+        InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as shown on"
+    ):
         measure_camera(rendered(POSES["placed"], picture=whole))
 
 
@@ -216,7 +218,9 @@ def test_the_near_row_of_pages_alone_does_not_place_a_camera(name):
     half = np.full_like(sheet_picture(), 255)
     for tile in TILES[3:]:
         half[part(tile)] = sheet_picture()[part(tile)]
-    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Move the camera so that it sees more markers"):
+    with pytest.raises(
+        InvalidInputError, match=r"uncertain by [12]\.\d cm\. Move the camera so that it sees more markers"
+    ):
         measure_camera(rendered(POSES[name], picture=half))
 
 

@@ -124,7 +124,9 @@ def test_a_journal_that_lost_lines_does_not_put_trials_away(folder, codes, left)
         path.unlink()
     kept = {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")}
     for read in (read_run, RealJournal):
-        with pytest.raises(RecordError, match=r"journal\.jsonl: the journal has no line about attempt 1 of .*Restore the file"):
+        with pytest.raises(
+            RecordError, match=r"journal\.jsonl: the journal has no line about attempt 1 of .*Restore the file"
+        ):
             read(folder)
     assert {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")} == kept
     path.write_bytes(b"".join(lines))

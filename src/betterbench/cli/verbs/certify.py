@@ -35,7 +35,7 @@ def certify_command(
 ) -> None:
     """Certify that trials can be solved with trained motions, begin at rest, and match the premise of the instruction.
 
-    `better eval` plans the same trials if it gets the same tasks, trials and seed. Ctrl-C keeps finished trials, and
+    With the same tasks, trials and seed, `better eval` plans the same trials. Ctrl-C keeps finished trials, and
     running the command again resumes the job. The exit status is 0 even if a trial fails a clause of the certificate.
     Failed trials are listed, and `better eval` rejects them.
 

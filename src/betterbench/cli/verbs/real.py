@@ -26,7 +26,7 @@ def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metav
 
     report writes both diagnostic matrices, with labels, evidence and agreement between people.
 
-    `better real COMMAND --help` explains a command.
+    Use `better real COMMAND --help` to see the options of a command.
 
     Example: better real plan --out bench --policies ours=openpi://127.0.0.1:8000 base=lerobot:checkpoint
 
