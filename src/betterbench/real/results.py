@@ -265,8 +265,8 @@ class CellComparison:
         real: Success rate on the real arm.
         simulated: Success rate in simulation.
         difference: Real minus simulated success rate, with its interval; None in an ambiguous cell.
-        real_labels: Text with the labels of the real trials and their counts.
-        simulated_labels: Text with the labels of the simulated trials and their counts.
+        real_labels: String that lists the labels of the real trials with their counts.
+        simulated_labels: String that lists the labels of the simulated trials with their counts.
         same_label: Fraction of the real trials that have the most frequent label of the simulated trials; None if there
             are no such trials.
     """
@@ -325,7 +325,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Text that states how well the simulated twin predicts the real arm."""
+        """Sentence that states how well the simulated twin predicts the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."

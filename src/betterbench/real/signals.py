@@ -195,7 +195,7 @@ class JointSignals:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool rests at the end of the trial for as long as a policy has to rest after finishing a task."""
+        """Whether the tool rests at the end of the trial for at least the time that a policy must rest after a task."""
         return self.freeze is not None and self.freeze.end_s - self.freeze.start_s >= THRESHOLDS.settle_time
 
 
@@ -455,7 +455,7 @@ def _begins(opening: Floats, top: int, row: int) -> int:
 
 
 def _stops(track: JointTrack, row: int) -> int:
-    """Return the first row after which the opening does not decrease during the next ``stop_time``."""
+    """Return the first row after which the opening does not decrease for ``stop_time``."""
     opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
     for end in range(row, len(opening)):
         after = opening[end : end + window + 1]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def picture_file(out: Path, verb: str, *, overwrite: bool) -> Iterator[Callable[[Image.Image, Sequence[str]], None]]:
     """Check and lock the output path, and yield a function that writes an image.
 
-    Its ``remarks`` are stored in the file header.
+    The yielded function also stores the remarks passed to it in the file header.
 
     Raises:
         InvalidInputError: If the file name does not end with .png, .jpg or .jpeg.

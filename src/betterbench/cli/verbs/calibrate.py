@@ -68,7 +68,8 @@ def calibrate_command(
             for these cannot be used.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
             the other tasks are copied from the packaged file if they have not changed.
-        overwrite: Write to a folder that `better calibrate` did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better calibrate` did not make, and replace files of the same names
+            there.
         json: Print the result as one JSON document at the end.
     """
     from betterbench.cli.verbs.evaluate import prepare_robots_of

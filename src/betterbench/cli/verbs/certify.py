@@ -57,7 +57,7 @@ def certify_command(
         arm: Option that selects the robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
-        overwrite: Write to a folder that `better certify` did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better certify` did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
     """
     from betterbench.certification.coverage import packaged_coverage

@@ -55,7 +55,8 @@ def compare_command(
         paper: For runs of `better vlm`: add the findings of `better audit-paper` about the table of static benchmarks
             in the BeTTER paper (part of betterbench-calibration).
         out: Across suites: folder for the tables as CSV and LaTeX.
-        overwrite: Write to a folder that `better compare` did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better compare` did not make, and replace files with the same names
+            there.
         json: Print one JSON document instead of sentences and tables.
     """
     from betterbench.cli.output.comparison import print_comparison

@@ -56,7 +56,7 @@ def import_better_command(
         trials: Trials per variation for --certify.
         demonstrations: Demonstrations per task to measure for --certify.
         workers: Worker processes for --certify; one per CPU core if not given.
-        overwrite: Write to a folder that `better import-better` did not make, and replace existing files.
+        overwrite: Write even to a folder that `better import-better` did not make, and replace existing files.
         json: Print the audit as one JSON document.
     """
     from betterbench.generation.better_release import audit_form, audit_markdown

@@ -41,7 +41,7 @@ def place_command(
         arm: Option that selects the robot.
         trials: Trials per training condition.
         measure: Measure the grasps and the solved trials; with --no-measure, only the task files are written.
-        overwrite: Write to a folder that `better place` did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better place` did not make, and replace files of the same names there.
         json: Print the measurements as one JSON document.
     """
     from betterbench.certification.placing import measure_feasibility, place_task

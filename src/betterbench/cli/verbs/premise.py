@@ -25,8 +25,8 @@ def premise_command(
 ) -> None:
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
-    The objects settle as at the beginning of a run. LIBERO then evaluates every relation in the task file between an
-    object named in the instruction and another object. An update of the simulator can break scenes, so repeat this
+    The objects settle as at the beginning of a run. LIBERO then evaluates each relation in the task file that connects
+    an object named in the instruction to another object. An update of the simulator can break scenes, so repeat this
     check after each update. A task takes about half a minute. Running the command again resumes the job where it
     stopped. In LIBERO-Plus, each new layout and initial robot pose has one initial state, which is checked in a few
     seconds if its assets are installed.

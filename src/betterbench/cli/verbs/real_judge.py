@@ -25,7 +25,7 @@ def judge_command(
     continues where you stopped. The operator of a protocol cannot judge it. With two judges, `better real report`
     computes how well they agree.
 
-    The page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
+    By default, the page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
     8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the page.
 
     Example: better real judge bench --person ada

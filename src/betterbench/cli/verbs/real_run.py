@@ -54,7 +54,7 @@ def run_command(
     key stops it. Stopped and interrupted trials are repeated. Running the command again continues where it stopped.
     Keys also work in the terminal. With --no-page, they work only there.
 
-    The page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
+    By default, the page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
     8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the page.
 
     Example: better real run bench --arm-port /dev/ttyACM0 --cameras front=0 wrist=2

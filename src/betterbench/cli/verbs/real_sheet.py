@@ -20,7 +20,8 @@ def sheet_command(*, out: Path, paper: Literal["a4", "letter", "whole"] = "a4", 
     Args:
         out: Folder for the files.
         paper: Size of the paper: a4, letter or whole.
-        overwrite: Write to a folder that `better real sheet` did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better real sheet` did not make, and replace files with the same names
+            there.
     """
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.real.sheet.pages import write_sheet

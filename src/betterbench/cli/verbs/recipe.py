@@ -44,7 +44,8 @@ def recipe_command(
         weights: Initial weights; default: the framework's published weights.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
         sample_tokens: Number of tokens per sample; Being-H uses it to pack its sequences.
-        overwrite: Write to a folder that `better recipe` did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better recipe` did not make, and replace files with the same names
+            there.
         json: Print one JSON document instead of a table.
     """
     from betterbench.demonstrations.recipes import setup_files, trainer_setup, write_setup

@@ -34,9 +34,9 @@ def review_command(
     The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose, size,
     support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift. Every
     decision is appended to the file --out, which a task file applies with imported(..., review=FILE). Running the
-    command again continues where you stopped. The page can only be opened on this machine. To open it on another
-    machine, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the
-    page.
+    command again continues where you stopped. By default, the page can only be opened on this machine. To open it on
+    another machine, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access
+    token of the page.
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
     --tasks, --suite or --task-file, one condition at a time. Slots and placement frames can be moved, and a key

@@ -61,7 +61,8 @@ def shortcuts_command(
         seed: Seed for the sample of episodes that is drawn if the dataset has more than 5,000.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
-        overwrite: Write to a folder that `better shortcuts` did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better shortcuts` did not make, and replace files with the same names
+            there.
         json: Print the audit as one JSON document.
     """
     from betterbench.jobs.outputs import OutputFolder
@@ -192,7 +193,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 def _tell_asked(group: GroupAudit) -> None:
     """Print which questions the audit tested for a group of demonstrations, and which it could not test.
 
-    Rules that only reflect the meaning of words are printed too, marked as not being shortcuts.
+    Rules that only reflect the meaning of words are printed too, with a note that they are not shortcuts.
     """
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 

@@ -49,7 +49,7 @@ def study_command(
         device: Torch device for training: cpu, cuda or cuda:N.
         certificate: Certificate written by `better certify`, or its folder; default: the certificate shipped with the
             suite.
-        overwrite: Write to a folder that `better study` did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better study` did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.
     """
     chosen = _plan(plan, preset, suite)

@@ -41,8 +41,9 @@ def teleop_command(
     demonstrator. Ctrl-C keeps saved demonstrations. Running the command again resumes the job where it stopped; a
     larger --demos adds more demonstrations.
 
-    The command needs no display. The page can only be opened on this machine. To open it on another machine, forward
-    the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the page.
+    The command needs no display. By default, the page can only be opened on this machine. To open it on another
+    machine, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the
+    page.
 
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
 
