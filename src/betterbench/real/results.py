@@ -325,7 +325,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Sentence that states how well the simulated twin predicts the real arm."""
+        """Sentences that state how well the simulated twin predicts the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
