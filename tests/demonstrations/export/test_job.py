@@ -373,7 +373,7 @@ def test_a_link_to_nothing_is_refused_before_anything_is_drawn(demonstrations, t
 def test_it_is_said_that_no_seed_is_held_out(demonstrations, tmp_path, capsys):
     words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--validation", "0.01"]
     assert main([*words, "--out", str(tmp_path / "set")]) == 0
-    assert "no seed is held out: a share of 0.01 of" in " ".join(capsys.readouterr().err.split())
+    assert "no seed is held out: a fraction of 0.01 of" in " ".join(capsys.readouterr().err.split())
 
 
 def test_an_empty_preset_is_no_preset(demonstrations, tmp_path, capsys):
