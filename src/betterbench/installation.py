@@ -196,7 +196,7 @@ def better_command() -> str:
 
 
 _ADVISED = re.compile(
-    r"(?<![\w./-])(?<!\bof )(?<!\bof `)(?<!\bthat )(?<!\bthat `)(?<!\bwhich )(?<!\bwhich `)better "
+    r"(?<![\w./-])(?<!\bof )(?<!\bof `)(?<!\bmade with `)(?<!\bthat )(?<!\bthat `)(?<!\bwhich )(?<!\bwhich `)better "
     rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]|`? (?:did|wrote|writes|needs|has)\b))"
 )
 """Pattern of ``better`` at the start of a command, but not in running text ("a run of better collect")."""

@@ -21,7 +21,7 @@ from betterbench.tasks.user_files import VARIABLE
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = (ROOT / "src", ROOT / "packages" / "betterbench-calibration" / "src")
 _NAMES = "|".join(sorted(every_command(), reverse=True))
-ADVISED = re.compile(rf"(?<![\w./`-])better ({_NAMES})\b(?!-)((?: (?:--)?[\w./{{}}|:=\[\]<>-]+)*)")
+ADVISED = re.compile(rf"(?<![\w./-])better ({_NAMES})\b(?!-)((?: (?:--)?[\w./{{}}|:=\[\]<>-]+)*)")
 
 
 def texts(tree):

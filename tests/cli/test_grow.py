@@ -69,12 +69,12 @@ def test_quotas_come_from_a_file(capsys, tmp_path, content):
         (["Put the fruit into the lunchbox", "--until", "2"], "a sentence describes a single scenario"),
         (["loose_paking", "--until", "2"], "Did you mean 'loose_packing'"),
         (["--until", "2", "--num", "3"], "--num: cannot be combined with --until"),
-        (["--until", "2", "--build"], "--build: cannot be combined with --until"),
+        (["--until", "2", "--build"], "--build: this option cannot be combined with --until"),
         (["--until", "2", "--unlike", "better61"], "Unknown suite 'better61'"),
         (["--until", "2", "--model", "gpt"], "'gpt' is not an address with a model"),
         (["--until", "2", "--name", "My Suite"], "'My Suite' is not a valid name"),
         (["--until", "2", "--quotas", "absent.yaml"], "absent.yaml"),
-        (["loose_packing", "--quota", "axis=temporal:1%"], "--quota: has no effect without --until"),
+        (["loose_packing", "--quota", "axis=temporal:1%"], "--quota: this option has no effect without --until"),
         ([], "no template was given"),
     ],
 )
@@ -87,4 +87,4 @@ def test_wrong_input_is_one_line_and_leaves_no_folder(capsys, tmp_path, argument
 def test_a_folder_of_scenarios_is_not_grown(capsys, tmp_path):
     assert main(["generate", "loose_packing", "--num", "1", "--out", str(tmp_path / "out")]) == 0
     assert main(command(tmp_path / "out")) == 2
-    assert "another set of scenarios" in " ".join(capsys.readouterr().err.split())
+    assert "a different set of scenarios" in " ".join(capsys.readouterr().err.split())

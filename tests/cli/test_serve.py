@@ -125,7 +125,7 @@ def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
         (("expert", "--task", "fast_food", "--condition", "T11"), "T1"),
         (("expert", "--task", "fast_food", "--seed", "-1"), "--seed"),
         (("expert", "--chunk", "0"), "--chunk"),
-        (("expert", "--seed", "0"), "--seed: it applies only with --task. Add --task TASK"),
+        (("expert", "--seed", "0"), "--seed: this option applies only with --task. Add --task TASK"),
         (("expert", "--batch", "16"), "--batch: expert does not support batches"),
         (("noop", "--batch", "2"), "--batch: noop does not support batches"),
         (("noop", "--chunk", "8"), "--chunk: noop is not an expert"),

@@ -76,6 +76,8 @@ def test_the_script_that_was_started_is_named(environment, monkeypatch, tmp_path
         ("Run `better worlds install libero` once", "Run `X/better worlds install libero` once"),
         ("next        better report runs/a", "next        X/better report runs/a"),
         ("Give a run of better collect", "Give a run of better collect"),
+        ("Pass a run made with `better eval`", "Pass a run made with `better eval`"),
+        ("the image size of `better real run`", "the image size of `better real run`"),
         ("a file that better view wrote", "a file that better view wrote"),
         ("Pass a run of `better collect`", "Pass a run of `better collect`"),
         ("that `better view` or `better eval` wrote", "that `better view` or `better eval` wrote"),

@@ -197,7 +197,9 @@ def test_a_page_that_is_turned_around_is_named(page):
     whole = sheet_picture().copy()
     there = part(TILES[page - 1])
     whole[there] = whole[there][::-1, ::-1].copy()
-    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as on"):
+    with pytest.raises(
+        InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as shown on"
+    ):
         measure_camera(rendered(POSES["placed"], picture=whole))
 
 
@@ -216,7 +218,9 @@ def test_the_near_row_of_pages_alone_does_not_place_a_camera(name):
     half = np.full_like(sheet_picture(), 255)
     for tile in TILES[3:]:
         half[part(tile)] = sheet_picture()[part(tile)]
-    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Show more markers to the camera"):
+    with pytest.raises(
+        InvalidInputError, match=r"uncertain by [12]\.\d cm\. Move the camera so that it sees more markers"
+    ):
         measure_camera(rendered(POSES[name], picture=half))
 
 
@@ -229,13 +233,13 @@ def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
 @pytest.mark.parametrize(
     ("ruler", "says"),
     [
-        (10.0, "seems to be in centimeters. Give the length in millimeters: 100.0"),
-        (3.94, "seems to be in inches. Give the length in millimeters: 100.1"),
-        (0.1, "seems to be in meters. Give the length in millimeters: 100.0"),
-        (0.0, "0 is not a length. Measure"),
-        (-100.0, "-100 is not a length"),
-        (float("nan"), "nan is not a length"),
-        (float("inf"), "inf is not a length"),
+        (10.0, "seems to be in centimeters. Pass the length in millimeters: 100.0"),
+        (3.94, "seems to be in inches. Pass the length in millimeters: 100.1"),
+        (0.1, "seems to be in meters. Pass the length in millimeters: 100.0"),
+        (0.0, "expected a positive length in millimeters, got 0. Measure"),
+        (-100.0, "expected a positive length in millimeters, got -100"),
+        (float("nan"), "positive length in millimeters, got nan"),
+        (float("inf"), "positive length in millimeters, got inf"),
     ],
 )
 def test_a_ruler_in_another_unit_does_not_ask_for_another_print(pictures, ruler, says):
@@ -283,7 +287,7 @@ def test_a_marker_that_is_seen_twice_is_refused(pictures):
     "image", [np.zeros((480, 640), np.uint8), np.zeros((480, 640, 3)), np.zeros((8, 8, 3), np.uint8)]
 )
 def test_other_arrays_are_refused(image):
-    with pytest.raises(InvalidInputError, match="Give a color image"):
+    with pytest.raises(InvalidInputError, match="Use a color image"):
         measure_camera(image)
 
 
@@ -354,10 +358,10 @@ def test_in_the_image_of_a_placed_camera_both_outlines_of_a_marker_are_the_same(
 def test_the_command_refuses_what_is_no_image(tmp_path, capsys):
     (tmp_path / "a.png").write_text("no image")
     for words, says in (
-        ([str(tmp_path / "a.png")], "is not readable as PNG or JPEG"),
+        ([str(tmp_path / "a.png")], "the file cannot be read as PNG or JPEG"),
         ([str(tmp_path / "b.png")], "b.png"),
-        ([], "Give either one image file or --camera 0"),
-        ([str(tmp_path / "a.png"), "--camera", "0"], "Give either one image file or --camera 0"),
+        ([], "Pass either one image file or --camera 0"),
+        ([str(tmp_path / "a.png"), "--camera", "0"], "Pass either one image file or --camera 0"),
         (["--camera", "/nowhere/video"], "sends no frames"),
     ):
         assert main(["real", "check-cameras", *words, "--ruler-mm", "100"]) == 2
@@ -403,7 +407,7 @@ def test_an_image_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path,
     path.write_bytes(white_png(*size))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(InvalidInputError, match=r"pixels\. Give an image of at most 64 million pixels"):
+        with pytest.raises(InvalidInputError, match=r"pixels\. Use an image of at most 64 million pixels"):
             images.image_of(path)
 
 

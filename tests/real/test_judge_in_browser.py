@@ -176,7 +176,7 @@ def test_a_judge_works_through_the_films_by_keys(open_program, folder):
         program.press("Digit3", "3")
         page.wait_until(f"state.film !== {number} || state.judged === 6")
     page.wait_until("state.judged === 6")
-    assert "this was the last film" in page.value("document.getElementById('message').textContent")
+    assert "this was the last video" in page.value("document.getElementById('message').textContent")
     assert page.complaints() == []
     code, said = program.end()
     assert (code, "ada has judged 6 of 6 videos" in said) == (0, True)
@@ -190,10 +190,10 @@ def test_a_film_that_was_damaged_is_said_on_the_page_and_gets_no_entry(open_prog
     (trial.folder / "front.mp4").write_bytes(b"no film")
     program = open_program()
     page = program.page
-    page.wait_until("document.getElementById('films').textContent.includes('This film cannot be shown')")
+    page.wait_until("document.getElementById('films').textContent.includes('This video cannot be shown')")
     program.press("Digit1", "1")
     page.wait_until("document.getElementById('message').className === 'problem'")
-    assert "film 1: its file is missing or was changed" in page.value("document.getElementById('message').textContent")
+    assert "video 1: its file is missing or was changed" in page.value("document.getElementById('message').textContent")
     program.press("ArrowRight", "ArrowRight")
     page.wait_until("state.film === 1")
     program.press("Digit1", "1")

@@ -53,7 +53,7 @@ def test_entries_are_written_at_once_and_work_is_resumed(folder):
     assert list(votes(folder).values()).count("froze") == 1
     while resumed.done < len(resumed.trials):
         resumed.choose("done")
-    assert "this was the last film" in resumed.message
+    assert "this was the last video" in resumed.message
     assert len(votes(folder)) == 10
 
 
@@ -147,7 +147,7 @@ def test_the_page_serves_the_films_of_the_judges_order(page, folder):
 
 def test_keys_of_the_page_enter_undo_and_step(page, folder):
     state = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "froze"})[2])
-    assert (state["film"], state["judged"], state["message"]) == (1, 1, "film 1: stood still; 9 films left")
+    assert (state["film"], state["judged"], state["message"]) == (1, 1, "video 1: stood still; 9 videos left")
     late = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])  # a key pressed twice
     assert (late["film"], late["judged"]) == (1, 1)
     assert list(votes(folder).values()) == ["froze"]
@@ -197,7 +197,7 @@ def test_a_trial_that_is_discarded_while_it_is_judged_gets_no_entry(folder):
         journal.repeat(code, "the lamp fell", "olga")
     desk.choose("done")
     assert desk.is_problem
-    assert "film 1: has been discarded by the operator" in desk.message
+    assert "video 1: the operator has discarded this trial" in desk.message
     assert (desk.done, votes(folder)) == (0, {})
     desk.step(1)
     desk.choose("done")
@@ -210,7 +210,7 @@ def test_a_damaged_film_is_told_without_the_code_and_cannot_be_judged(folder, pa
     (trial.folder / "wrist.mp4").write_bytes(b"another film")
     status, kind, data = ask(page, "film/0/1")
     assert (status, kind.split(";")[0]) == (500, "text/plain")
-    assert data.startswith(b"film 1: cannot be shown, because its file is missing or was changed")
+    assert data.startswith(b"video 1: cannot be shown, because its file is missing or was changed")
     state = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])
     assert state["is_problem"]
     assert (state["judged"], state["film"]) == (0, 0)

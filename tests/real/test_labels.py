@@ -20,7 +20,7 @@ SWAY = SWAY.signals()
 
 
 def judged(outcome, *, note=""):
-    return Judged(outcome, "" if outcome else "No judge has seen the film.", {"ada": outcome}, None, (note,))
+    return Judged(outcome, "" if outcome else "No judge has seen the video.", {"ada": outcome}, None, (note,))
 
 
 def closings(*ends, rest_s=8.0):

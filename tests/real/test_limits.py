@@ -142,7 +142,7 @@ def test_an_arm_without_a_finite_position_is_not_moved():
     limiter, state = limiter_of()
     broken = state.copy()
     broken[2] = np.nan
-    with pytest.raises(LimitError, match="reports elbow_flex as not finite"):
+    with pytest.raises(LimitError, match="reports no finite position for elbow_flex"):
         limiter.limit(state, broken, UNLOADED)
     with pytest.raises(LimitError, match="elbow_flex"):
         limiter.start(broken)

@@ -64,7 +64,7 @@ def test_a_code_is_independent_of_condition_and_policy():
 @pytest.mark.parametrize(
     ("options", "error", "says"),
     [
-        ({"conditions": ["O1", "O1"]}, InvalidInputError, "conditions: 'O1' is given 2 times"),
+        ({"conditions": ["O1", "O1"]}, InvalidInputError, "conditions: 'O1' occurs 2 times"),
         ({"conditions": []}, InvalidInputError, "conditions: the list is empty"),
         ({"conditions": ["O99"]}, UnknownNameError, "Unknown condition of fruit_basket 'O99'"),
         ({"task": "fast_food"}, InvalidInputError, "has no diagnostic matrices"),
@@ -83,7 +83,7 @@ def test_bad_arguments_are_named(options, error, says):
 
 
 def test_two_policies_of_one_name_are_refused():
-    with pytest.raises(InvalidInputError, match="policies: 'a' is given 2 times"):
+    with pytest.raises(InvalidInputError, match="policies: 'a' occurs 2 times"):
         make_plan([RealPolicy("a", "noop"), RealPolicy("a", "random")])
 
 

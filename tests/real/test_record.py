@@ -124,7 +124,9 @@ def test_a_journal_that_lost_lines_does_not_put_trials_away(folder, codes, left)
         path.unlink()
     kept = {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")}
     for read in (read_run, RealJournal):
-        with pytest.raises(RecordError, match=r"journal\.jsonl: has no line about attempt 1 of .*Restore the file"):
+        with pytest.raises(
+            RecordError, match=r"journal\.jsonl: the journal has no line about attempt 1 of .*Restore the file"
+        ):
             read(folder)
     assert {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")} == kept
     path.write_bytes(b"".join(lines))
@@ -179,7 +181,7 @@ def test_a_damaged_trial_can_be_repeated_and_what_is_left_is_kept(folder, codes,
     repeat_damaged(folder, [codes[0]], "ada")
     run = read_run(folder)
     assert run.damaged == ()
-    assert "Restore the folder from a copy, or repeat the trial (better real run --repeat)" in run.aborted[0].reason
+    assert "Restore the folder from a copy, or repeat the trial (`better real run --repeat`)" in run.aborted[0].reason
     assert not place.exists()
     if damage not in ("folder", "link"):
         assert (folder / "aborted" / f"{codes[0]}-1").is_dir()

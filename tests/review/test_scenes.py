@@ -272,9 +272,9 @@ def test_tasks_and_conditions_are_queued_once():
     ("given", "text"),
     [
         (["scenes"], "no task is given"),
-        (["scenes", "x"], "Give tasks with --tasks"),
+        (["scenes", "x"], "Pass tasks with --tasks"),
         (["scenes", "--tasks", "fruit_lunsh"], "Did you mean 'fruit_lunch'"),
-        (["assets"], "Give the folder with --asset-dir"),
+        (["assets"], "Pass the folder with --asset-dir"),
         (["--tasks", "fruit_lunch"], "better review scenes --tasks TASK"),
         (["apply", "a.jsonl"], "no folder is given"),
         (["apply", "--out", "x"], "0 review files are given"),

@@ -79,7 +79,7 @@ def test_without_a_hub_the_command_says_what_to_put_where(tmp_path, capsys, monk
     assert "embspatial_bench.json" in told.out
     assert "254" in told.out
     assert "CC-BY-4.0" in told.out
-    assert "--data: is missing" in told.err
+    assert "--data: this option is required" in told.err
     assert main(["vlm", "fetch", "better-vqa", "--data", "x"]) == 2
     assert "needs no data" in capsys.readouterr().err
     assert main(["vlm", "fetch"]) == 2

@@ -472,7 +472,7 @@ def test_the_verb_reports_cache_tokens_cost_and_missing_items(server, tmp_path, 
 def test_one_price_is_an_error(capsys, tmp_path):
     line = ["vlm", "embspatial", "--model", "http://h/v1#m", "--out", str(tmp_path / "o"), "--price-in", "2"]
     assert main(line) == 2
-    assert "--price-out: is missing" in capsys.readouterr().err
+    assert "--price-out: this price is missing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["refspatial", "egoplan2"])

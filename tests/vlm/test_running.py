@@ -192,9 +192,9 @@ def test_the_command_line_knows_every_convention():
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        (["vlm"], "--model: is missing"),
+        (["vlm"], "--model: this option is required"),
         (["vlm", "embspatal", "--model", "u#m"], "Did you mean 'embspatial'"),
-        (["vlm", "embspatial", "--model", "http://h/v1"], "--out: is missing"),
+        (["vlm", "embspatial", "--model", "http://h/v1"], "--out: this option is required"),
         (["vlm", "embspatial", "--model", "http://h/v1", "--out", "o"], "--model: 'http://h/v1' is not an address"),
         (["vlm", "embspatial", "--model", "http://h/v1#m", "--out", "o"], "better vlm fetch embspatial"),
         (["vlm", "probe", "--model", "http://h/v1#m", "--max-tokens", "-1"], "--max-tokens: -1 is out of range"),

@@ -64,7 +64,7 @@ def test_other_folders_and_options_are_refused(finished, tmp_path, capsys):
     assert main(["export", str(tmp_path / "other"), "--to", "lmms-eval"]) == 2
     assert "is not a run of better vlm" in " ".join(capsys.readouterr().err.split())
     assert main(["export", str(finished), "--to", "lmms-eval", "--name", "x"]) == 2
-    assert "--name: it is not used by the lmms-eval export" in " ".join(capsys.readouterr().err.split())
+    assert "--name: this option is not used by the lmms-eval export" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_run_of_an_earlier_version_says_the_cure(finished, capsys):

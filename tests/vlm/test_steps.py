@@ -225,11 +225,11 @@ def test_better_compare_takes_static_runs(data, tmp_path, capsys):
     assert main(["compare", *map(str, runs), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["steps"][0]["is_supported"]
     assert main(["compare", str(runs[0]), str(tmp_path / "gone")]) == 2
-    assert "gone: does not exist" in "".join(capsys.readouterr().err.split("\n"))
+    assert "gone: the path does not exist" in "".join(capsys.readouterr().err.split("\n"))
     for option in (["--fail-if-worse"], ["--sequential"], ["--allow-mixed"], ["--out", str(tmp_path / "tables")]):
         assert main(["compare", *map(str, runs), *option]) == 2
         said = " ".join(capsys.readouterr().err.split())
-        assert f"{option[0]}: it is not used for runs of better vlm" in said
+        assert f"{option[0]}: this option is not used for runs made with `better vlm`" in said
     assert main(["compare", *map(str, runs), "--paper"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "static_bottleneck" in shown

@@ -215,7 +215,7 @@ def test_the_verb_prints_the_baselines(made, capsys):
     assert main(["vqa", str(made.path)]) == 0
     assert "blind" in capsys.readouterr().out
     assert main(["vqa"]) == 2
-    assert "Give the folder of a run or set" in capsys.readouterr().err
+    assert "Pass the folder of a run or set" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

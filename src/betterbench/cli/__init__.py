@@ -1,6 +1,6 @@
 """The command line ``better``.
 
-- ``main``: the table of all subcommands, and the options that are common to them.
+- ``main``: the table of all subcommands, and the options that they share.
 - ``verbs``: one file per subcommand; only the chosen subcommand is imported.
 - ``output``: the tables and lines that subcommands print.
 - ``console``, ``progress``, ``tally``, ``help_text``, ``border``: messages, progress bars, statistics shown during a

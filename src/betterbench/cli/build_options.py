@@ -19,12 +19,12 @@ class BuildOptions:
 
     Attributes:
         name: Name of the suite; a digest of its tasks is appended.
-        seeds: Number of trials to certify per variation; better eval --trials can use at most this number.
+        seeds: Number of trials to certify per variation; `better eval --trials` can use at most this number.
         demonstrations: Number of expert demonstrations to measure per task.
         power: Number of trials that each faulty policy runs per variation, to measure whether the variation exposes the
             fault; 0 skips this measurement.
         workers: Number of worker processes; default: one per CPU core.
-        catalogue: Catalogue written by better assets index. Objects that the library lacks are imported from this
+        catalogue: Catalogue written by `better assets index`. Objects that the library lacks are imported from this
             catalogue.
     """
 

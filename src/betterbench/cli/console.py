@@ -32,15 +32,17 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 
 
 class Terminal(Console):
-    """Console that removes control characters from printed texts, since a text may come from an untrusted file.
+    """Console that strips control characters from its output, because printed strings may come from an untrusted file.
 
-    Commands that are recommended in a text are rewritten to match the way in which this program was started.
+    ``better`` commands that a message recommends are rewritten to match how this program was started.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - the options of rich
-        """Print with rich, without control characters, and with commands that match the way this program was started.
+        """Print with rich, without control characters.
 
-        Brackets are taken as styles only if ``markup`` is set.
+        ``better`` commands are rewritten to match how this program was started.
+
+        Brackets are interpreted as styles only if ``markup`` is set.
         """
         options.setdefault("markup", False)
         super().print(*(as_started_here(_printable(o)) if isinstance(o, str) else o for o in objects), **options)
@@ -147,7 +149,7 @@ def print_json(document: object) -> None:
 def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print each row on one line.
 
-    The last cell of a row is running text. It is printed indented below the line.
+    The last cell of each row is printed as an indented paragraph below that line.
     """
     widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
     for number, (*cells, prose) in enumerate((columns, *rows)):
@@ -160,7 +162,7 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
     """Print a table with right-aligned numeric columns.
 
-    Brackets in cells are printed as they are, not taken as styles.
+    Brackets in cells are printed literally, not interpreted as rich styles.
     """
     from rich.table import Table
     from rich.text import Text
@@ -208,7 +210,7 @@ def complain(problem: str) -> None:
 
 
 def styled_text(text: str) -> str:
-    """Escape untrusted text, so that rich does not take its brackets as styles."""
+    """Escape untrusted text, so that rich does not interpret its brackets as styles."""
     from rich.markup import escape
 
     return escape(one_line(text, most=LONGEST_MESSAGE))
@@ -230,11 +232,11 @@ def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = 
     """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
     Args:
-        what: Name of the work.
+        what: Short description of the work.
         total: Amount of work; 0 if it is not known yet.
-        estimate: Whether the elapsed or remaining time is shown, and whether progress lines are printed if standard
-            error is not a terminal. Set it to False if the note of the bar already contains the times.
-        stays: Whether the bar stays on the screen after the work has ended, and then shows the elapsed time.
+        estimate: Whether to show the elapsed or remaining time, and to print progress lines if standard error is not a
+            terminal. Set it to False if the note next to the bar already contains these times.
+        stays: Whether the bar stays on the screen after the work has ended. It then shows the elapsed time.
     """
     from betterbench.cli.progress import WorkProgress
 

@@ -59,8 +59,8 @@ class Verb:
         function: Location of the function: "module:name" in the package of subcommands, or the full name if the
             function belongs to the package betterbench-calibration.
         takes_tasks: Whether the subcommand accepts ``--task-file`` and ``--asset-dir``.
-        takes_suite: Whether the subcommand also accepts ``--suite``. If it does and ``--tasks`` is not given, the
-            subcommand works on the tasks of the suite.
+        takes_suite: Whether the subcommand also accepts ``--suite``. If ``--tasks`` is not given, such a subcommand
+            works on the tasks of the suite.
         takes_run_file: Whether the options may be given in a run file.
         commands: Nested commands, each with its own options, such as "import" in ``better assets import``. If there are
             nested commands, the function of the subcommand itself only provides the overview in the help.
@@ -236,7 +236,9 @@ def _require_out(given: Sequence[str]) -> None:
     """Raise InvalidInputError if --out has an empty value, which would otherwise mean the current folder."""
     if "--out=" in given or any(pair == ("--out", "") for pair in itertools.pairwise(given)):
         raise InvalidInputError(
-            "--out", "the folder name is empty", "Give a folder, and check that every shell variable in its name is set"
+            "--out",
+            "the folder name is empty",
+            "Pass the name of a folder, and check that every shell variable in it is set",
         )
 
 
@@ -249,7 +251,7 @@ def every_command() -> dict[str, Verb]:
 
 
 def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
-    """Return the name and the entry of the chosen subcommand, and the remaining arguments.
+    """Return the name of the chosen subcommand, its :class:`Verb`, and the remaining arguments.
 
     Options may precede the name of a nested command.
     """
@@ -304,8 +306,8 @@ def _show_overview(given: Sequence[str]) -> None:
 def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
     """Return the function that represents a subcommand in the overview.
 
-    If ``with_options`` is set and the package of the subcommand is installed, this is the subcommand itself. Otherwise,
-    it is an empty function whose docstring is the summary of the subcommand.
+    If ``with_options`` is set and the package of the subcommand is installed, return the subcommand itself. Otherwise,
+    return an empty function with the summary of the subcommand as its docstring.
     """
     if with_options:
         with suppress(MissingDependencyError):
@@ -353,7 +355,7 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
         verb,
         function,
         task_file="Python file that defines your own tasks, assets or learners; may be given several times.",
-        asset_dir="Asset folder written by better assets import; may be given several times.",
+        asset_dir="Asset folder written by `better assets import`; may be given several times.",
     )
 
 
@@ -393,10 +395,10 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give the wrapper of a subcommand all options, type hints and help texts: those of the subcommand and its own.
+    """Copy the options, type hints and help texts of a subcommand to its wrapper, which adds options of its own.
 
     Args:
-        verb: Wrapper, which adds options.
+        verb: Wrapper that has additional options.
         function: Wrapped subcommand.
         texts: Help text of each added option, by option name.
     """

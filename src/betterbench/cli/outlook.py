@@ -48,7 +48,7 @@ class Outlook:
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Record how many steps this session has executed at the given time of the monotonic clock [s]."""
+        """Record how many steps this session has executed so far, and the current time ``now_s`` [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:
@@ -72,7 +72,7 @@ class Outlook:
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:
-        """Return a text with the remaining time and the number of steps, for the progress line of a run."""
+        """Return a string with the remaining time and the number of steps, for the progress line of a run."""
         ended = progress.done - progress.started_with
         if ended < min(FEW, progress.planned - progress.started_with) and self.most_left_s is not None:
             parts = [f"at most {duration(self.most_left_s)} left"]
@@ -86,6 +86,6 @@ class Outlook:
             return None
         return (
             f"At most {duration(self.most_left_s)} left, estimated from the first {self.seen_s:.0f} s: {self.rate:.0f} "
-            f"steps per second, and {self._left:,} more steps if no trial ends early. Ctrl-C stops the run; the same "
-            f"command resumes it."
+            f"steps per second, and {self._left:,} more steps if no trial ends early. Ctrl-C stops the run; "
+            f"running the command again resumes it."
         )

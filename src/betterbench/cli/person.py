@@ -1,4 +1,4 @@
-"""Helpers for subcommands that serve a web page: they check the name of the user and end the process."""
+"""Helpers for subcommands that serve a web page: check the user's name, and end the process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def person_named(name: str | None, option: str) -> str:
         who = "unknown"
     if not who.strip() or one_line(who, most=80) != who:
         raise InvalidInputError(
-            option, f"{one_line(who, most=40)!r} is not a valid name", "Give a name of 1 to 80 printable characters"
+            option, f"{one_line(who, most=40)!r} is not a valid name", "Use a name of 1 to 80 printable characters"
         )
     return who
 

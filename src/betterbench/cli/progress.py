@@ -37,12 +37,12 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that are not used by counts and times among the name, the bar and the note.
+    """Divide the remaining columns of the progress line among the name of the work, the bar and the note.
 
     All parts except the first include a leading space.
 
     Args:
-        room: Number of free columns.
+        room: Number of columns that are not used by counts and times.
         what: Width of the work's name in columns.
         note: Width of the note in columns.
         note_first: Whether the note has priority over bar and name; otherwise the note is shortened first.
@@ -80,7 +80,7 @@ def took(seconds: float, size: int) -> str:
 
 
 def _count_text(task: Task) -> str:
-    """Format the amount of finished work ("  7/120"). The text is empty while the total is unknown."""
+    """Format the amount of finished work ("  7/120"). Return an empty string while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"

@@ -96,18 +96,18 @@ def read_run_file(path: Path) -> RunFile:
         form = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
-        raise InvalidInputError(str(path), f"is not YAML ({problem})", _CURE) from error
+        raise InvalidInputError(str(path), f"the file is not YAML ({problem})", _CURE) from error
     names = [str(key.value).replace("-", "_") for key, _ in node.value]
     for i, name in enumerate(names):
         if name not in RunFile.__dataclass_fields__:
             raise UnknownNameError(f"option in {path}", name[:80], RunFile.__dataclass_fields__)
         if name in names[:i]:
-            raise InvalidInputError(f"{path}: {name}", "is given twice", "Give each option once")
+            raise InvalidInputError(f"{path}: {name}", "the option occurs twice", "Set each option only once")
     return read_form(_FORM, dict(zip(names, form.values(), strict=True)), where=str(path), cure=_CURE)
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Reject aliases and deep nesting. They can be slow to parse, and options do not need them."""
+    """Reject aliases and deep nesting, which can be slow to parse and which options never need."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -136,10 +136,10 @@ def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
             continue
         value = value if equals else next(waiting, "")
         if not value:
-            raise InvalidInputError(_OPTION, "no file is named", f"Name a file, as in {_OPTION} FILE.yaml")
+            raise InvalidInputError(_OPTION, "no file is given", f"Pass a file, as in {_OPTION} FILE.yaml")
         found.append(value)
     if len(found) > 1:
-        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give a single run file")
+        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Pass a single run file")
     return (Path(found[0]) if found else None), rest
 
 
@@ -175,5 +175,5 @@ def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
         require_trust(str(chosen["policy"]), where=str(path))
     files = chosen.get("task_file")
     if isinstance(files, tuple) and files:
-        cure = "Inspect the file and add --trust, or give this option on the command line"
+        cure = "Inspect the file and add --trust, or pass this option on the command line"
         raise InvalidInputError(f"{path}: task_file", f"loading {files[0]} runs its Python code", cure)

@@ -20,8 +20,8 @@ class RunTally:
         judged: Number of trials with a record and a right or wrong outcome.
         successes: Number of judged trials that succeeded.
         policy_errors: Number of trials that ended with an error of the policy.
-        broken: Number of trials that have no record because of an error in this session. The same command runs them
-            again.
+        broken: Number of trials that have no record because of an error in this session. Running the command again
+            repeats them.
     """
 
     ambiguous: frozenset[TrialId] = frozenset()
@@ -54,7 +54,7 @@ class RunTally:
     def note(self, progress: Progress, *, left: str | None = None) -> str:
         """Return the note of the progress bar: pace, time left, successes, policy errors, broken trials and verdicts.
 
-        If ``left`` is given, it replaces the pace and the time left that are otherwise computed from finished trials.
+        If ``left`` is given, it is shown instead of the pace and the time left that are computed from finished trials.
         """
         first = pace(progress) if left is None else left
         parts = [first] if first else []
@@ -70,10 +70,10 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return a text with the trials per minute and the time left.
+    """Return a string with the trials per minute and the time left.
 
-    The text is empty until the first trial of this session has ended. For a run with ``--until-decided``, the time left
-    is an upper bound.
+    The string is empty until the first trial of this session has ended. For a run with ``--until-decided``, the time
+    left is an upper bound.
     """
     ended = progress.done - progress.started_with
     if ended < 1 or progress.elapsed_s <= 0.0:
@@ -95,7 +95,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Describe how long the policy takes to answer. The text is empty if this is unknown."""
+    """Describe how long the policy takes to answer. Return an empty string if this is unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -115,7 +115,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Describe how much time each part of a run took, and which part is the bottleneck, with a remedy.
+    """Describe how much time each part of a run took, name the bottleneck, and suggest a remedy.
 
     Args:
         times: Time spent in each part of the run.

@@ -21,13 +21,13 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
 
     Args:
         path: YAML file.
-        cure: Remedy that error messages state.
+        cure: Remedy to include in error messages.
         deepest: Maximum depth of nesting.
         max_bytes: Maximum size of the file.
 
     Raises:
-        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a
-            field twice, or is nested too deep.
+        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, contains a
+            field twice, or is nested too deeply.
     """
     import yaml
 
@@ -48,7 +48,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
         found = None if node is None else loader.construct_document(node)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
-        raise InvalidInputError(str(path), f"is not YAML ({problem})", cure) from error
+        raise InvalidInputError(str(path), f"the file is not YAML ({problem})", cure) from error
     if not isinstance(found, dict):
         raise InvalidInputError(str(path), "the file contains no fields", f"Write lines like `name: value`. {cure}")
     return found
@@ -62,7 +62,7 @@ def _require_once(path: Path, node: yaml.Node | None) -> None:
     twice = next((str(name) for i, name in enumerate(fields) if name in fields[:i]), None)
     if twice is not None:
         line = next(k.start_mark.line for k, _ in reversed(node.value) if k.value == twice)
-        raise InvalidInputError(str(path), f"{twice} is given twice (line {line + 1})", "Give each field once")
+        raise InvalidInputError(str(path), f"{twice} is given twice (line {line + 1})", "Keep only one of these lines")
     for child in node.value:
         for one in child if isinstance(child, tuple) else (child,):
             _require_once(path, one)

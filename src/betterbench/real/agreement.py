@@ -18,7 +18,7 @@ _WIDTH = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Rater:
-    """A person who entered outcomes, with the role in which they were entered."""
+    """Person who entered outcomes, and the role of this person (operator or judge)."""
 
     name: str
     role: Role
@@ -44,7 +44,8 @@ class PairAgreement:
     Attributes:
         first: First rater.
         second: Second rater.
-        table: Numbers of trials that both raters rated, by outcome. The rows are the outcomes of the first rater.
+        table: Contingency table of the trials that both raters rated: number of trials by outcome of the first rater
+            (rows) and of the second rater (columns).
         disagreements: Trials for which the two raters entered different outcomes, in the order of the plan.
     """
 
@@ -55,7 +56,7 @@ class PairAgreement:
 
     @property
     def is_blind(self) -> bool:
-        """Whether both raters are judges, who see only the film and not the condition or the policy."""
+        """Whether both raters are judges, who see only the video and not the condition or the policy."""
         return self.first.role == self.second.role == "judge"
 
     @property

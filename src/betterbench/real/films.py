@@ -14,7 +14,7 @@ from betterbench.real.robots.robot import Frame, RobotError
 
 
 class FilmThread:
-    """Thread that encodes the film of one camera, with one frame per control step."""
+    """Thread that encodes the video of one camera, with one frame per control step."""
 
     def __init__(self, camera: str, *, rate_hz: float) -> None:
         """Start the encoding thread."""
@@ -49,7 +49,7 @@ class FilmThread:
         return late
 
     def finish(self) -> tuple[Film, bytes] | None:
-        """Return the metadata of the film and the encoded file, or None if there are no frames.
+        """Return the metadata of the video and the encoded file, or None if there are no frames.
 
         Raises:
             InvalidInputError: If encoding failed.

@@ -48,7 +48,7 @@ function film(place) {
   const made = document.createElement("video");
   Object.assign(made, { autoplay: true, loop: true, muted: true, controls: true, playsInline: true });
   made.addEventListener("error", () => {
-    const told = element("p", "This film cannot be shown. Its file is missing or was changed; the terminal names it.");
+    const told = element("p", "This video cannot be shown. Its file is missing or was changed; the terminal names it.");
     made.replaceWith(told);
   });
   made.src = `film/${state.film}/${place}`;
@@ -64,7 +64,7 @@ function show(now) {
   $("outcomes").replaceChildren(...state.outcomes.map(outcomeRow));
   if (shown !== state.film) {
     const films = [...Array(state.cameras).keys()].map(film);
-    $("films").replaceChildren(...(films.length ? films : [element("p", "This trial has no film.")]));
+    $("films").replaceChildren(...(films.length ? films : [element("p", "This trial has no video.")]));
     shown = state.film;
   }
 }

@@ -1,4 +1,4 @@
-"""Web page for a judge: films and instruction of a trial, and the possible outcomes with their keys and definitions.
+"""Web page for a judge: videos and instruction of a trial, and the possible outcomes with their keys and definitions.
 
 The page does not receive the condition, the policy or the entries of other people. It is a plain page (``judge.html``,
 ``judge.js``, ``judge.css``) that is served by :class:`~betterbench.browser.plain.PlainServer`.
@@ -23,7 +23,7 @@ from betterbench.real.outcomes import OUTCOMES
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
-    """Command that the page sends, together with the index of the film that is displayed on it."""
+    """Command that the page sends, together with the index of the video that is displayed on it."""
 
     name: Literal["enter", "undo", "next", "previous"]
     film: Annotated[int, Field(ge=0)]
@@ -81,7 +81,7 @@ class JudgePage:
     def _obey(self, form: dict[str, Any]) -> object:
         """Execute a command and return the new content of the page.
 
-        A command about a film that is no longer displayed is ignored.
+        A command about a video that is no longer displayed is ignored.
         """
         sent = read_form(_SENT, form, where="page", cure="Reload the page")
         with self._lock:

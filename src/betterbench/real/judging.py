@@ -1,4 +1,4 @@
-"""Queue of a judge: films in random order, without the condition, the policy or the entries of other people."""
+"""Queue of a judge: videos in random order, without the condition, the policy or the entries of other people."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ logger = logging.getLogger(__name__)
 class JudgeDesk:
     """State of one judge's work: the queue of trials, the current trial and the judge's entries.
 
-    The order depends on the seed of the plan and the name of the judge. The same command therefore resumes where it
-    stopped, and each judge gets a different order. A judge sees only the films, the instruction and the judge's own
-    entries.
+    The order depends on the seed of the plan and the name of the judge. A judge who runs the command again therefore
+    continues in the same order, and each judge gets a different order. A judge sees only the videos, the instruction
+    and the judge's own entries.
 
     Attributes:
         person: Name of the judge.
@@ -36,8 +36,8 @@ class JudgeDesk:
         """Read the finished trials and this judge's earlier entries.
 
         Raises:
-            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name differs
-                only in spelling from that of an earlier judge.
+            InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name is
+                nearly the same as that of an earlier judge.
             RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials whose header is
                 damaged are left out and logged.
         """
@@ -51,16 +51,18 @@ class JudgeDesk:
             )
             raise RecordError(f"{folder}: {problem}")
         if not run.trials:
-            raise InvalidInputError(str(folder), "has no finished trial", "Run trials with better real run first")
+            raise InvalidInputError(
+                str(folder), "the protocol has no finished trial", "Run trials with `better real run` first"
+            )
         if any(same_name(person, other) for other in run.operators):
             problem = f"{person!r} is the operator of this protocol and knows conditions and policies"
             raise InvalidInputError(
-                "--person", problem, "Ask another person to judge, and give the name of that person"
+                "--person", problem, "Ask another person to judge, and pass the name of that person"
             )
         other = next((name for name in sorted(run.judges) if name != person and same_name(name, person)), None)
         if other is not None and person not in run.judges:
             problem = f"{person!r} differs only in spelling from {other!r}, who already judged here"
-            raise InvalidInputError("--person", problem, f"Give the name {other}, or a name that differs more clearly")
+            raise InvalidInputError("--person", problem, f"Use the name {other}, or a name that differs more clearly")
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)
@@ -91,7 +93,7 @@ class JudgeDesk:
     def choose(self, outcome: str, note: str = "") -> None:
         """Enter an outcome for the current trial, and go to the next trial without an entry.
 
-        If the operator has discarded the trial in the meantime, or its films cannot be shown, nothing is entered. The
+        If the operator has discarded the trial in the meantime, or its videos cannot be shown, nothing is entered. The
         message then states the problem.
         """
         trial = self.at_hand
@@ -114,47 +116,47 @@ class JudgeDesk:
         number = self.index + 1
         waiting = [k for k, other in enumerate(self.trials) if other.code not in self._mine]
         after = [k for k in waiting if k > self.index] or waiting
-        left = f"{plural(len(waiting), 'film')} left" if waiting else "this was the last film"
+        left = f"{plural(len(waiting), 'video')} left" if waiting else "this was the last video"
         if after:
             self.index = after[0]
-        self._say(f"film {number}: {outcome_named(outcome).title}; {left}")
+        self._say(f"video {number}: {outcome_named(outcome).title}; {left}")
 
     def _require_shown(self, trial: RealTrial) -> None:
-        """Raise InvalidInputError if the operator has discarded a trial, or its films cannot be shown."""
-        name = f"film {self.index + 1}"
+        """Raise InvalidInputError if the operator has discarded a trial, or its videos cannot be shown."""
+        name = f"video {self.index + 1}"
         state = read_run(self.folder).states[trial.code]
         if state.state != "done" or state.attempt != trial.header.attempt:
-            cure = "Choose another film; restart better real judge to see the repeated trial"
-            raise InvalidInputError(name, "has been discarded by the operator", cure)
+            cure = "Choose another video; restart `better real judge` to see the repeated trial"
+            raise InvalidInputError(name, "the operator has discarded this trial", cure)
         if not trial.header.films:
-            raise InvalidInputError(name, "this trial has no film, so it cannot be judged", "Choose another trial")
+            raise InvalidInputError(name, "this trial has no video, so it cannot be judged", "Choose another trial")
         for camera in trial.header.films:
             self.film(self.index, camera)
 
     def undo(self) -> None:
-        """Undo the last entry of this session. If there is none, undo the entry for the current film.
+        """Undo the last entry of this session. If there is none, undo the entry for the current video.
 
-        The film of the undone entry is shown again.
+        The video of the undone entry is shown again.
         """
         if not self._made and self.chosen is None:
-            self._say("There is no entry to undo. Go to a film with an entry first.", is_problem=True)
+            self._say("There is no entry to undo. Go to a video with an entry first.", is_problem=True)
             return
         code = self._made.pop() if self._made else self.at_hand.code
         self.index = next(k for k, trial in enumerate(self.trials) if trial.code == code)
         trial = self.at_hand
         enter(self.folder, code, trial.header.attempt, author=self.person, role="judge", outcome=None)
         self._mine = _entries_of(read_run(self.folder), self.person)  # the undo may restore an earlier entry
-        self._say(f"film {self.index + 1}: entry undone")
+        self._say(f"video {self.index + 1}: entry undone")
 
     def film(self, number: int, camera: str) -> bytes:
-        """Return a film (MP4) of a trial.
+        """Return a video (MP4) of a trial.
 
         Args:
             number: Index of the trial in this judge's order.
             camera: Name of the camera.
 
         Raises:
-            InvalidInputError: If the film is missing or was changed. Only the log names the trial, because judges must
+            InvalidInputError: If the video is missing or was changed. Only the log names the trial, because judges must
                 not know it.
         """
         try:
@@ -163,7 +165,7 @@ class JudgeDesk:
             logger.warning("%s", problem)
             told = "cannot be shown, because its file is missing or was changed; the terminal names the file"
             raise InvalidInputError(
-                f"film {number + 1}", told, "Continue with another film, and tell the operator"
+                f"video {number + 1}", told, "Continue with another video, and tell the operator"
             ) from problem
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Label of a trial on a real arm, from joint signals and the entries of judges who watched the film.
+"""Label of a trial on a real arm, from joint signals and the entries of judges who watched the video.
 
 The labels and the rules for rest and back-and-forth motion are those of the simulated diagnosis. Only the judges can
 tell which object was taken and which objects are in the basket. If neither the signals nor the judges determine a
@@ -62,7 +62,7 @@ class Judged:
         )
         if not votes:
             seen_by = "" if operator is None else f" The operator entered {operator!r}, which is not blind."
-            return cls(None, f"No judge has seen the film.{seen_by}", votes, operator, notes)
+            return cls(None, f"No judge has seen the video.{seen_by}", votes, operator, notes)
         ranked = Counter(votes.values()).most_common()
         if 2 * ranked[0][1] <= len(votes):
             told = listed([f"{name}: {outcome}" for name, outcome in sorted(votes.items())])
@@ -76,7 +76,7 @@ class RealLabel:
 
     Attributes:
         label: Label, or None for a trial that is not scored.
-        rule: Name of the rule that gave the label. Rules of the simulated diagnosis keep their names.
+        rule: Name of the rule that determined the label. Rules of the simulated diagnosis keep their names.
         text: Evidence in one or more sentences.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
@@ -137,7 +137,10 @@ class Setting:
 
     @classmethod
     def of(cls, task: str, condition: str) -> Setting:
-        """Return the properties of a condition on which labels depend. Raise UnknownNameError if it does not exist."""
+        """Return the properties of a condition on which labels depend.
+
+        Raise UnknownNameError for an unknown condition.
+        """
         x = Exposure.of(task, condition)
         due = tuple(kind for goal in x.open_goals for kind in sorted(x.kinds(goal)))
         here = {o.kind for o in x.test.objects if o.name in x.test.layout or o.name in x.test.preplaced}
@@ -172,7 +175,7 @@ class Setting:
         return best
 
     def trained_at(self, slot: str) -> str:
-        """Return a text that lists the kinds of objects that were picked from a given slot in training."""
+        """Return a string that lists the kinds of objects picked from the given slot during training."""
         kinds = [kind for kind, slots in sorted(self.exposure.trained.kind_slots.items()) if slot in slots]
         return listed([f"the {kind}" for kind in kinds])
 
@@ -221,7 +224,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
         return RealLabel(Label.POLICY_ERROR, "late_answers", text, 0.0, end, "record")
     problem = contradiction_of(setting, signals, judged.outcome)
     if problem:
-        text = f"{problem} Neither is trusted: check the film and the joint states, and enter the outcome again."
+        text = f"{problem} Neither is trusted: check the video and the joint states, and enter the outcome again."
         return RealLabel(None, "contradiction", text, 0.0, end, "nothing", problem)
     if not signals.moved:
         return _never_moved(setting, signals, judged)
@@ -232,7 +235,10 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
 
 
 def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | None) -> str:
-    """Describe how the joint states contradict an outcome, in one or two sentences; empty if they do not."""
+    """Describe in one or two sentences how the joint states contradict an outcome.
+
+    Return an empty string if they do not.
+    """
     if outcome is None:
         return ""
     said = f"The judges entered {outcome!r} ({outcome_named(outcome).title})"
@@ -524,7 +530,7 @@ def _openings(signals: JointSignals) -> str:
 
 
 def _grips(signals: JointSignals) -> str:
-    """Return a clause that states how often the jaw closed on something."""
+    """Return a clause that states how many times the jaw closed on something."""
     return f"the jaw closed on something {plural(len(signals.grasps), 'time')}"
 
 

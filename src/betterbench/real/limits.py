@@ -49,12 +49,12 @@ class SafetyLimits:
     Attributes:
         speed_rad_s: Maximum speed of each arm joint [rad/s]. The simulated servos reach 3 rad/s.
         gripper_speed: Maximum speed of the gripper, in percent of its travel per second.
-        lead_s: Maximum lead of a target over the measured position, as the time in which the joint covers it at maximum
-            speed [s].
+        lead_s: How far a target may be ahead of the measured position, as the time that the joint takes for this
+            distance at maximum speed [s].
         load: Maximum load, as a fraction of the load that the motor can carry.
         load_s: Maximum time for which an arm joint may be overloaded [s].
-        stall_rad: Lag of an arm joint behind its command above which the joint is considered not to follow [rad].
-        stall_s: Maximum time for which a joint may fail to follow [s].
+        stall_rad: An arm joint that lags behind its command by more than this angle is considered stalled [rad].
+        stall_s: Maximum time for which a joint may be stalled [s].
         box_low: Lower corner of the workspace of the tool center point, in the base frame [m]: x ahead, y left, z up
             from the table.
         box_high: Upper corner of that workspace [m].
@@ -131,7 +131,9 @@ class Limiter:
             LimitError: If the state is not finite.
         """
         if not np.isfinite(state).all():
-            raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
+            raise LimitError(
+                f"The arm reports no finite position for {_named(~np.isfinite(state))}. Check its bus and cables."
+            )
         # An arm resting against a mechanical stop may be slightly outside its range.
         self._last = np.clip(state, self.low, self.high)
         self._over_s[:], self._stalled_s[:] = 0.0, 0.0
@@ -155,7 +157,9 @@ class Limiter:
         if not self._is_started:
             raise InvalidInputError("limits", "start was not called", "Call start with the measured state")
         if not np.isfinite(state).all():
-            raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
+            raise LimitError(
+                f"The arm reports no finite position for {_named(~np.isfinite(state))}. Check its bus and cables."
+            )
         self._watch(state, load)
         by = []
         if np.shape(asked) == (6,) and np.isfinite(asked).all():

@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """Error for an aborted trial. The attempt does not count. The message states why it was aborted."""
+    """Error for an aborted attempt, which is discarded and repeated. The message states why it was aborted."""
 
 
 @dataclass(slots=True)
@@ -53,9 +53,9 @@ class Controls:
     """Signals from the operator to a running trial.
 
     Attributes:
-        end: Set to end the trial. The trial counts.
-        stop: Set to stop the arm immediately. The attempt does not count.
-        show: Called with the newest reading, which is displayed on a page.
+        end: Set to end the trial and keep its result.
+        stop: Set to stop the arm immediately and discard the attempt.
+        show: Called with the newest reading of the robot, to display it on a page.
         why: Reason for a stop.
     """
 

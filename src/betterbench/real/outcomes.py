@@ -1,6 +1,6 @@
 """Outcomes that a person can enter for a trial: one key for each visible behavior.
 
-The definitions mention neither conditions nor policies, so that the operator and a judge who sees only the film use
+The definitions mention neither conditions nor policies, so that the operator and a judge who sees only the video use
 the same definitions. Whether a behavior is correct in a condition is derived from the task later.
 """
 
@@ -17,7 +17,7 @@ class Outcome:
 
     Attributes:
         name: Name in the entries ("air_grasp").
-        key: Key on the pages.
+        key: Key that enters the outcome on the pages.
         title: Short title.
         definition: Description of the behavior that a person must see to enter the outcome.
         scored: False if the trial is invalid and must be repeated.

@@ -122,7 +122,7 @@ class RealPlan:
         asked = {(block, c, p): 1 for block in range(self.repeats) for c in self.conditions for p in names}
         if planned != asked:
             problem = "the trials do not contain each condition once per policy and block"
-            raise InvalidInputError("trials", problem, "Make the plan with better real plan")
+            raise InvalidInputError("trials", problem, "Make the plan with `better real plan`")
 
     @property
     def action_space(self) -> ActionSpace:
@@ -138,7 +138,7 @@ class RealPlan:
         for trial in self.trials:
             if trial.code == code:
                 return trial
-        raise InvalidInputError("trial", f"the plan has no trial {code!r}", "Use a code listed by better real status")
+        raise InvalidInputError("trial", f"the plan has no trial {code!r}", "Use a code listed by `better real status`")
 
     def address(self, policy: str) -> str:
         """Return the address of the policy with a given name."""
@@ -152,10 +152,10 @@ class RealPlan:
 def _require_different(where: str, names: Sequence[str]) -> None:
     """Raise InvalidInputError if a list of names is empty or contains a name twice."""
     if not names:
-        raise InvalidInputError(where, "the list is empty", "Give at least one name")
+        raise InvalidInputError(where, "the list is empty", "Pass at least one name")
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
-        raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each name once")
+        raise InvalidInputError(where, f"{name!r} occurs {count} times", "Use each name once")
 
 
 def same_name(first: str, second: str) -> bool:
@@ -186,7 +186,7 @@ def matrix_conditions(task: str) -> tuple[str, ...]:
     """
     found = get_task(task)
     if not found.matrices:
-        cure = "Give --conditions, or a task with diagnostic matrices, such as fruit_basket"
+        cure = "Use --conditions, or choose a task with diagnostic matrices, such as fruit_basket"
         raise InvalidInputError("task", f"{task} has no diagnostic matrices", cure)
     return tuple(cell.conditions[0] for matrix in found.matrices for cell in matrix.cells)
 
@@ -219,7 +219,7 @@ def make_plan(
     if not 1 <= repeats <= MOST_TRIALS // (len(chosen) * len(names)):
         problem = f"{repeats} blocks of {len(chosen) * len(names)} trials do not give 1 to {MOST_TRIALS} trials"
         raise InvalidInputError(
-            "trials per cell", problem, "Choose a number of trials per condition with which the total is in this range"
+            "trials per cell", problem, "Choose a number of trials per condition so that the total is in this range"
         )
     trials = [
         PlannedTrial(code, block, condition, policy, scene_seed)
@@ -240,7 +240,7 @@ def make_plan(
         "time_limit_s": time_limit_s,
         "trials": [asdict(trial) for trial in trials],
     }
-    return read_form(_PLAN, form, where="plan", cure="Give another value")
+    return read_form(_PLAN, form, where="plan", cure="Use a different value")
 
 
 def _stream(seed: int, purpose: str) -> np.random.Generator:
@@ -252,7 +252,7 @@ def _stream(seed: int, purpose: str) -> np.random.Generator:
 def _ordered(
     conditions: Sequence[str], policies: Sequence[str], repeats: int, seed: int
 ) -> list[tuple[int, int, str, str]]:
-    """Return the trials in order, each as a tuple of block, scene seed, condition and policy."""
+    """Return the trials in the order of their execution, as tuples of block, scene seed, condition and policy."""
     found = []
     for block in range(repeats):
         order = _stream(seed, f"order {block}")
@@ -291,7 +291,7 @@ def write_plan(folder: Path, plan: RealPlan) -> Path:
     data = plan_bytes(plan)
     if path.exists() and path.read_bytes() != data:
         raise InvalidInputError(
-            str(path), "contains a different plan, and a plan cannot be changed", "Choose another folder"
+            str(path), "the folder contains a different plan, and a plan cannot be changed", "Choose another folder"
         )
     write_durably(path, data)
     return path
@@ -306,7 +306,7 @@ def read_plan(folder: Path) -> RealPlan:
     path = folder / PLAN_NAME
     if not path.exists():
         raise RecordError(
-            f"{path}: not found. Create a plan with better real plan, or give the folder of an existing one."
+            f"{path}: not found. Create a plan with `better real plan`, or pass the folder of an existing one."
         )
     raw = read_bounded(path, max_bytes=MAX_PLAN_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(raw, where=str(path), cure=_CURE, raises=RecordError)

@@ -60,7 +60,7 @@ SAMPLE_COLUMNS = {
 }
 """Columns of the samples: the type of each column, and the number of values per row (0 for a single value)."""
 
-_CURE = "Restore the folder from a copy, or repeat the trial (better real run --repeat)"
+_CURE = "Restore the folder from a copy, or repeat the trial (`better real run --repeat`)"
 _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
@@ -126,14 +126,14 @@ class Samples:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Film:
-    """Metadata of a camera's film.
+    """Metadata of the video recorded by a camera.
 
     Attributes:
         width: Width of the images [pixels].
         height: Height of the images [pixels].
-        frames: Number of frames in the film, one per control step.
+        frames: Number of frames in the video, one per control step.
         late: Number of frames that were older than one control step.
-        dropped: Number of control steps without a new frame, for which the film repeats the last frame.
+        dropped: Number of control steps without a new frame, for which the video repeats the last frame.
     """
 
     width: Annotated[int, Field(ge=2)]
@@ -157,7 +157,7 @@ class TrialHeader:
         late_steps: Number of steps that began more than half a period late.
         held_steps: Number of steps without an answer from the policy.
         limited_steps: Number of steps in which the safety limits changed the command.
-        films: Metadata of the films by camera.
+        films: Metadata of the videos by camera.
         files: SHA-256 of each other file by name.
         agreement: Measured agreement between the scene and its simulated twin at the start, 0 to 1; None if it was not
             measured.
@@ -203,7 +203,7 @@ def read_header(folder: Path) -> TrialHeader:
 def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Mapping[str, bytes]) -> TrialHeader:
     """Write the files of an attempt, the header last.
 
-    Return the header, to which the digests of the files are added.
+    Return the header with the digests of the files added.
     """
     files = {SAMPLES_NAME: samples.to_bytes(), **{f"{camera}.mp4": data for camera, data in films.items()}}
     for name, data in files.items():
@@ -223,7 +223,7 @@ class Event:
     """One line of the journal of a protocol.
 
     Attributes:
-        event: "begun", "ended", "aborted" (the attempt does not count, and the trial will be repeated) or "repeated" (a
+        event: "begun", "ended", "aborted" (the attempt is discarded, and the trial will be repeated) or "repeated" (a
             person discards a finished attempt).
         code: Code of the trial.
         attempt: Number of the attempt, counted from 1.
@@ -289,7 +289,7 @@ def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
 
 
 def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, TrialProgress]:
-    """Return the progress of every planned trial, as it results from the events in a journal."""
+    """Compute the progress of every planned trial from the events in a journal."""
     states = {trial.code: TrialProgress() for trial in plan.trials}
     here = file_digest(path.parent / PLAN_NAME)
     for number, event in enumerate(events, start=1):
@@ -324,7 +324,7 @@ def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialP
         except RecordError:
             continue
         if header.code == code and header.attempt > states[code].attempt:
-            problem = f"has no line about attempt {header.attempt} of {code}, which is recorded in {place}"
+            problem = f"the journal has no line about attempt {header.attempt} of {code}, which is recorded in {place}"
             cure = f"{_JOURNAL_CURE}, or move {place} to another place to run the trial again"
             raise RecordError(f"{folder / JOURNAL_NAME}: {problem}. {cure}.")
 
@@ -360,7 +360,7 @@ class RealJournal(LineJournal):
     def _append(self, event: Event) -> None:
         after = self._states[event.code].after(event, str(self._path))
         form = asdict(event)
-        read_form(_EVENT, form, where="event", cure="Give another value")
+        read_form(_EVENT, form, where="event", cure="Use a different value")
         link = link_after(self._link, form)
         self._append_line({**form, LINK: link})
         self._link, self._states[event.code] = link, after
@@ -457,7 +457,7 @@ class Seen:
 
 
 Role = Literal["operator", "judge"]
-"""Role of a person who enters outcomes: the operator at the arm, or a judge who sees only the film."""
+"""Role of a person who enters outcomes: the operator at the arm, or a judge who sees only the video."""
 
 
 @strict_form
@@ -492,7 +492,7 @@ class Entry:
 
     @property
     def subject(self) -> str:
-        """Text that names the trial, the person and the role."""
+        """String that names the trial, the person and the role."""
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
@@ -570,7 +570,7 @@ class RealTrial:
         """Read the samples of the trial. Raise RecordError if the file is missing, changed or damaged."""
         samples = Samples.read(self._checked(SAMPLES_NAME))
         if len(samples) != self.header.steps:
-            problem = f"has {len(samples)} rows, but {HEADER_NAME} names {self.header.steps}"
+            problem = f"the file has {len(samples)} rows, but {HEADER_NAME} states {self.header.steps}"
             raise RecordError(f"{self.folder / SAMPLES_NAME}: {problem}. {_CURE}.")
         return samples
 
@@ -580,25 +580,25 @@ class RealTrial:
             self._checked(name)
 
     def film(self, camera: str) -> Path:
-        """Return the path of a camera's film after checking its digest.
+        """Return the path of a camera's video after checking its digest.
 
-        Raise RecordError if the film is missing or was changed.
+        Raise RecordError if the video is missing or was changed.
         """
         return self._checked(f"{camera}.mp4")
 
     def seen_by(self, role: Role) -> tuple[Entry, ...]:
-        """Return the current entries of people with a role."""
+        """Return the current entries of the people with the given role."""
         return tuple(entry for entry in self.entries if entry.role == role)
 
     def _checked(self, name: str) -> Path:
         path = self.folder / name
         told = self.header.files.get(name)
         if told is None:
-            raise RecordError(f"{path}: is not listed in {HEADER_NAME}. {_CURE}.")
+            raise RecordError(f"{path}: the file is not listed in {HEADER_NAME}. {_CURE}.")
         if not path.is_file():
             raise RecordError(f"{path}: not found. {_CURE}.")
         if file_digest(path) != told:
-            raise RecordError(f"{path}: was changed after it was recorded. {_CURE}.")
+            raise RecordError(f"{path}: the file was changed after it was recorded. {_CURE}.")
         return path
 
 
@@ -650,7 +650,7 @@ class RealRun:
 
     @property
     def aborted(self) -> tuple[Event, ...]:
-        """Events about attempts that do not count, because they were aborted or discarded by a person."""
+        """Events about discarded attempts: those that were aborted, and those that a person discarded later."""
         return tuple(event for event in self.events if event.event in ("aborted", "repeated"))
 
     def trial(self, code: str) -> RealTrial:
@@ -667,11 +667,11 @@ class RealRun:
             if damaged.code == code:
                 raise RecordError(damaged.problem)
         self.plan.trial(code)
-        raise InvalidInputError("trial", f"{code} is not finished", "Run it with better real run")
+        raise InvalidInputError("trial", f"{code} is not finished", "Run it with `better real run`")
 
 
 def read_run(folder: Path) -> RealRun:
-    """Read the folder of a protocol. Samples and films are read only when they are needed.
+    """Read the folder of a protocol. Samples and videos are read only when they are needed.
 
     A trial whose header is missing, damaged or changed is listed in :attr:`RealRun.damaged`, so that one bad file does
     not hide the other trials. Damage to the plan, the journal or the entries affects all trials and is an error.
@@ -743,9 +743,9 @@ def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -
     """Read the header of a finished trial. Raise RecordError if it is not the header that the journal lists."""
     header = read_header(place)
     if file_digest(place / HEADER_NAME) != progress.record:
-        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} lists. {_CURE}.")
+        raise RecordError(f"{place / HEADER_NAME}: this is not the file that {journal} lists. {_CURE}.")
     if (header.code, header.attempt) != (code, progress.attempt):
-        problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
+        problem = f"this is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
         raise RecordError(f"{place / HEADER_NAME}: {problem} {code}. {_CURE}.")
     return header
 

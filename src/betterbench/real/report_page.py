@@ -1,4 +1,4 @@
-"""Results page of a protocol: one HTML file without scripts, which works offline and links to the films."""
+"""Results page of a protocol: one HTML file without scripts, which works offline and links to the videos."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _tone(cell: Cell) -> str:
 
 
 def _film(folder: Path, cameras: list[str], page: Path) -> str:
-    """Return the path of a trial's first film relative to the page; empty if there is no film."""
+    """Return the path of a trial's first video relative to the page; empty if there is no video."""
     if not cameras:
         return ""
     return quote(Path(os.path.relpath(folder / f"{cameras[0]}.mp4", page)).as_posix())

@@ -1,4 +1,4 @@
-"""Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the order.
+"""Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the trial order.
 
 The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
 counted separately for each cell. A trial is damaged if its files differ from the recorded ones. It is then listed as
@@ -90,7 +90,7 @@ class JudgedTrial:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of planned trials of a policy, by result. The first five numbers add up to all planned trials.
+    """Numbers of planned trials of a policy, by result. The first five add up to the number of planned trials.
 
     Attributes:
         right: Number of trials with a correct outcome.
@@ -181,7 +181,7 @@ class PolicyResult:
         damaged: Finished but damaged trials of the policy.
         counts: Numbers of planned trials by result.
         lateness: Rates of late steps and frames.
-        diagnosis: Labeled trials in the form of a simulated diagnosis.
+        diagnosis: Labeled trials, converted to a diagnosis like that of a simulated run.
         matrices: Short-horizon and long-horizon diagnostic matrix.
         unscored: Number of unscored trials by matrix name, row and column.
     """
@@ -198,7 +198,10 @@ class PolicyResult:
 
     @property
     def labels(self) -> tuple[tuple[str, int], ...]:
-        """Labels with the number of trials that have each, most frequent first. Ambiguous trials are left out."""
+        """Labels and the number of trials with each label, starting with the most frequent.
+
+        Ambiguous trials are left out.
+        """
         counts = Counter(t.label.name for t in self.trials if not t.ambiguous)
         counts.update(UNSCORED for t in self.damaged if not _is_ambiguous(t.planned, self.task))
         return tuple(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
@@ -262,8 +265,8 @@ class CellComparison:
         real: Success rate on the real arm.
         simulated: Success rate in simulation.
         difference: Real minus simulated success rate, with its interval; None in an ambiguous cell.
-        real_labels: Text with the labels of the real trials and their counts.
-        simulated_labels: Text with the labels of the simulated trials and their counts.
+        real_labels: String that lists the labels of the real trials with their counts.
+        simulated_labels: String that lists the labels of the simulated trials with their counts.
         same_label: Fraction of the real trials that have the most frequent label of the simulated trials; None if there
             are no such trials.
     """
@@ -308,7 +311,8 @@ class TwinComparison:
         cells: Cells that have trials on the real arm or in simulation.
         same_side: Fraction of cells in which the policy mostly succeeds both on the real arm and in simulation, or in
             neither.
-        table: Two-by-two table of cells in which the policy mostly succeeds or not. The rows are the real arm.
+        table: Two-by-two table that counts the cells in which the policy mostly succeeds or mostly fails, on the real
+            arm (rows) and in simulation (columns).
         same_label: Fraction of real trials that have the most frequent label of the simulated trials in the cell.
     """
 
@@ -321,7 +325,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Text that states how well the simulated twin predicts the real arm."""
+        """Sentences that state how well the simulated twin predicts the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
@@ -440,7 +444,7 @@ def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
 
 
 def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
-    """Return the JSON form of a damaged trial. It contains no values from the files of the trial."""
+    """Return a damaged trial as a JSON-serializable dict, without any values from the trial's files."""
     steps = ("steps", "late_steps", "held_steps", "limited_steps")
     return {
         **asdict(trial.planned),
@@ -479,7 +483,7 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
 
 
 def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
-    """Convert a real trial to a diagnosed trial as it results from simulation, for the matrices of the report."""
+    """Convert a real trial to the format of a diagnosed simulated trial, which the matrices of the report need."""
     planned, found = judged.trial.planned, judged.label
     resolved = resolve_condition(run.plan.task, planned.condition)
     right = label.kind is Kind.NONE
@@ -552,19 +556,19 @@ def _longest(names: Sequence[str]) -> int:
 
 
 def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> TwinComparison:
-    """Compare a run on the simulated twin with the policy of the protocol to which it belongs."""
+    """Compare a run on the simulated twin with the real trials of the same policy."""
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:
-        problem = f"has no trial of {run.plan.task}; its tasks are: {', '.join(sorted(tasks)) or 'no task'}"
-        raise InvalidInputError(f"--sim {path}", problem, "Give a simulated run of the same task")
+        problem = f"the run has no trial of {run.plan.task}; its tasks are: {', '.join(sorted(tasks)) or 'no task'}"
+        raise InvalidInputError(f"--sim {path}", problem, "Pass a simulated run of the same task")
     mine = [p for p in policies if p.policy.address == diagnosis.address]
     if not mine and len(policies) == 1:
         mine = list(policies)
     if not mine:
         known = ", ".join(p.policy.address for p in policies)
-        problem = f"is a run of {diagnosis.address}, but the protocol has {known}"
-        raise InvalidInputError(f"--sim {path}", problem, "Evaluate the same policy on the twin with better eval")
+        problem = f"this is a run of {diagnosis.address}, but the protocol has {known}"
+        raise InvalidInputError(f"--sim {path}", problem, "Evaluate the same policy on the twin with `better eval`")
     return compare_matrices(mine[0].policy.name, mine[0].matrices, matrices_of(diagnosis), run=str(path))
 
 

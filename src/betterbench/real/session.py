@@ -3,8 +3,8 @@
 All work is done in the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
 the queue of this thread. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
 
-A session may end at any time. The next session marks an interrupted attempt as aborted and repeats its trial. If a
-finished trial has no entry yet, the next session first asks for it.
+A session may end at any time. The next session marks an interrupted attempt as aborted and repeats its trial. If no
+outcome has been entered for a finished trial, the next session first asks for it.
 """
 
 from __future__ import annotations
@@ -292,7 +292,7 @@ class RealSession:
         self._say(message)
 
     def begin(self) -> None:
-        """Go to a finished trial that has no entry. If there is none, go to the next trial in the plan."""
+        """Go to a finished trial for which no outcome has been entered yet, or else to the next trial in the plan."""
         # the program was killed between writing the entry and the journal line that repeats the trial
         for trial in read_run(self.folder).trials:
             for entry in trial.seen_by("operator"):

@@ -195,7 +195,7 @@ class JointSignals:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool rests at the end of the trial for as long as a policy has to rest after finishing a task."""
+        """Whether the tool rests at the end of the trial for at least the time that a policy must rest after a task."""
         return self.freeze is not None and self.freeze.end_s - self.freeze.start_s >= THRESHOLDS.settle_time
 
 
@@ -225,7 +225,7 @@ class JointTrack:
             InvalidInputError: If the samples have fewer than two rows.
         """
         if len(samples) < 2:
-            problem = f"has {len(samples)} rows, but signals need at least two"
+            problem = f"the trial has {len(samples)} rows, but signals need at least two"
             raise InvalidInputError("samples", problem, "Repeat the trial")
         rows = round(float(samples.time_s[-1] - samples.time_s[0]) * rate_hz) + 1
         at = samples.time_s[0] + np.arange(max(2, rows)) / rate_hz
@@ -242,7 +242,7 @@ class JointTrack:
         return times
 
     def steps(self, seconds: float) -> int:
-        """Return the number of rows in a duration, which is at least one."""
+        """Convert a duration to a number of rows, which is at least 1."""
         return steps_in(seconds, self.rate_hz)
 
 
@@ -268,7 +268,7 @@ def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
 
 
 def tool_path(arm: Floats) -> Floats:
-    """Return the tool positions (T, 3) in the base frame [m] that belong to joint angles (T, 5) [rad]."""
+    """Return the tool positions (T, 3) in the base frame [m] for joint angles (T, 5) [rad]."""
     place = _kinematics()
     return np.array([place(angles) for angles in arm.tolist()]).reshape(-1, 3)
 
@@ -392,7 +392,10 @@ def _descents(height: Floats) -> list[int]:
 
 
 def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
-    """Return the closings of the jaw. A closing reduces the opening by ``jaw_moves`` and ends when the jaw stops."""
+    """Return the closings of the jaw.
+
+    A closing reduces the opening by at least ``jaw_moves`` and ends when the jaw stops.
+    """
     found = []
     opening = track.opening
     for start, end in _falls(track):
@@ -452,7 +455,7 @@ def _begins(opening: Floats, top: int, row: int) -> int:
 
 
 def _stops(track: JointTrack, row: int) -> int:
-    """Return the first row after which the opening does not decrease during the next ``stop_time``."""
+    """Return the first row after which the opening does not decrease for ``stop_time``."""
     opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
     for end in range(row, len(opening)):
         after = opening[end : end + window + 1]
@@ -484,7 +487,7 @@ def _grip(track: JointTrack, end: int) -> Grip:
 def _opens_after(opening: Floats, row: int) -> int | None:
     """Return the first later row at which the jaw has opened again, or None.
 
-    It has opened again if it is wider by ``jaw_moves`` than at its narrowest.
+    It has opened again if it is at least ``jaw_moves`` wider than at its narrowest.
     """
     low = np.minimum.accumulate(opening[row:])
     wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)
@@ -492,7 +495,7 @@ def _opens_after(opening: Floats, row: int) -> int | None:
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which a jaw closes further because it has lost the object that it held, or None."""
+    """Return the row at which the jaw closes further because the object slipped out, or None."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

@@ -27,7 +27,7 @@ class SetupStep:
         place: "table", the name of the container with the object, or "absent".
         position_m: Point on the table below the object's center, in the arm's base frame (x ahead, y left) [m]; None if
             the object is absent.
-        text: Text of the instruction.
+        text: Instruction as a sentence.
     """
 
     name: str

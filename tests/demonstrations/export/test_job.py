@@ -256,7 +256,7 @@ def test_the_command_line_names_what_is_missing(demonstrations, tmp_path, capsys
         return " ".join(capsys.readouterr().err.split())
 
     run = str(demonstrations.run.path)
-    assert "--out: is missing" in told(run, "--to", "lerobot")
+    assert "--out: this option is required" in told(run, "--to", "lerobot")
     assert "Unknown preset" in told(run, "--to", "lerobot", "--preset", "openpi", "--out", str(tmp_path / "x"))
     assert "Unknown task of the run" in told(run, "--to", "lerobot", "--tasks", "coffee", "--out", str(tmp_path / "x"))
     assert "runs: 2 runs were given" in told(run, run)
@@ -266,7 +266,7 @@ def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path,
     words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
     assert main(words) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "--preset: applies only to data sets, and submission is not a data set. Add --to lerobot" in said
+    assert "--preset: this option applies only to data sets, and submission is not a data set. Add --to lerobot" in said
     assert not (tmp_path / "set").exists()
 
 

@@ -206,7 +206,7 @@ def test_steps_can_be_added_up(tmp_path):
 def test_options_of_a_run_are_refused(tmp_path, capsys):
     (tmp_path / "run.json").write_text("{}")
     assert main(["shortcuts", str(tmp_path), "--gripper", "action[3]"]) == 2
-    assert "--gripper: applies only to LeRobot datasets" in " ".join(capsys.readouterr().err.split())
+    assert "--gripper: this option applies only to LeRobot datasets" in " ".join(capsys.readouterr().err.split())
 
 
 def info_of(path, **changes):

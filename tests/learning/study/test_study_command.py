@@ -67,7 +67,7 @@ def test_a_plan_becomes_a_page_and_the_same_command_resumes(plan, tmp_path, monk
     ("words", "said"),
     [
         ([], "expected exactly one plan"),
-        (["PLAN", "--preset", "small"], "Give either a YAML file or a preset"),
+        (["PLAN", "--preset", "small"], "Pass either a YAML file or a preset"),
         (["--preset", "huge"], "'huge' is not a preset"),
         (["NONE"], "cannot be read"),
     ],

@@ -148,7 +148,7 @@ def test_a_folder_of_another_run_is_no_folder_of_this_one(recorded, folder, chec
     assert status == EXIT_BAD_INPUT
     assert "the files do not belong to the records of" in told
     assert (
-        "For example, one file belongs to fast_food/train1/0 by reaching. Give the run from which the files were "
+        "For example, one file belongs to fast_food/train1/0 by reaching. Pass the run from which the files were "
         "rendered" in told
     )
     assert "Delete" not in told

@@ -318,7 +318,7 @@ def test_its_files_are_installed_beside_the_world_that_runs_them(tmp_path, monke
 def test_its_options_are_refused_for_other_suites(suite, option):
     from betterbench.cli.verbs.evaluate import TrialOptions, WorldOptions, evaluate_command
 
-    with pytest.raises(InvalidInputError, match=r"it applies only to LIBERO-Plus\..*libero_plus_spatial"):
+    with pytest.raises(InvalidInputError, match=r"this option applies only to LIBERO-Plus\..*libero_plus_spatial"):
         evaluate_command(policy="noop", chosen=TrialOptions(suite=suite), world=WorldOptions(**option))
 
 

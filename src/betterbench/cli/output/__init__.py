@@ -1,1 +1,1 @@
-"""Tables and texts printed by subcommands, imported when needed."""
+"""Functions that print the tables and messages of subcommands. They are imported only when needed."""

@@ -1,4 +1,4 @@
-"""Output of results across worlds, as text and as files."""
+"""Tables with results from several worlds, printed or written to files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.calvin import ChainSummary
 
 
 def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
-    """Print Table 4 of the paper for all worlds, comparisons between its rows, and the illusion gaps in each world."""
+    """Print Table 4 of the BeTTER paper for all worlds, comparisons of policies, and illusion gaps per world."""
     libero = [row for row in table.rows if row.suites]
     if libero:
         rows = [[shown, *(_rate(row.suites.get(name)) for row in libero)] for name, shown in LIBERO_COLUMNS.items()]
@@ -132,7 +132,7 @@ def _p(value: float) -> str:
 
 
 def _wide(table: WorldTable) -> Table:
-    """Return Table 4 of the paper with counts and intervals, one row per policy."""
+    """Return Table 4 of the BeTTER paper with counts and confidence intervals, one row per policy."""
     columns = ["policy"]
     for name in LIBERO_COLUMNS:
         columns += [f"{name}_{part}" for part in ("k", "n", "percent", "low", "high")]

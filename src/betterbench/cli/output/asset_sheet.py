@@ -61,7 +61,7 @@ def _picture(asset: str, hit: Hit) -> np.ndarray:
 
 
 def _tile(text: str) -> np.ndarray:
-    """Return an image that shows only a text."""
+    """Return an image that contains only the given text, for an asset that cannot be drawn."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGB", (_PIXELS, _PIXELS), (226, 224, 220))

@@ -1,4 +1,4 @@
-"""Text output of a calibration, which tests the diagnosis on policies with known faults."""
+"""Functions that print a calibration, which tests the diagnosis on policies with known faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ WRONG_SHOWN = 12
 def print_calibration(found: Calibration) -> None:
     """Print a table of labels, and examples of wrong labels.
 
-    The table shows how often each label is found when it is the true one, and how often it is correct when assigned.
+    For each label, the table shows the recall (how often the label is assigned when it is the true one) and the
+    precision (how often it is correct when it is assigned).
     """
     rows = [
         [

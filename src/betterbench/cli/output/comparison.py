@@ -1,4 +1,4 @@
-"""Text output of a comparison of policies."""
+"""Functions that print a comparison of policies."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def print_comparison(result: Comparison) -> None:
 def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
     """Print one row per group of trials, with the success rate or other measure of each policy.
 
-    If two policies are compared, the row also shows the difference between them. The letters after the rates tell which
-    policies cannot be distinguished: these policies share a letter.
+    If two policies are compared, the row also shows the difference between them. Policies that share a letter after
+    their rates cannot be distinguished statistically.
     """
     names = groups[0].names
     columns = ["over" if groups[0].measure == "success" else "what", *names]

@@ -1,4 +1,4 @@
-"""Command-line output about a set of demonstrations: progress, variety and acceptance."""
+"""Functions that print information about a set of demonstrations: progress, variety and acceptance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text output of a diagnosis, and of the changes since the stored diagnosis."""
+"""Functions that print a diagnosis and the changes since the stored diagnosis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHOWN_CHANGES = 20
 
 
 def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:
-    """Diagnose a run while a progress bar is shown."""
+    """Diagnose a run and show a progress bar."""
     with passing_bar(f"diagnosing {run.path.name}") as told:
         return diagnose_run(run, twins_in=twins_in, on_progress=told)
 
@@ -55,7 +55,7 @@ def _verdict(result: RunDiagnosis, name: str) -> list[str]:
     """Return the verdict on a condition as a list of table cells.
 
     Only a run with ``--until-decided`` has verdicts; for other runs, the list is empty. The cell of a training
-    condition is an empty text.
+    condition is an empty string.
     """
     if result.until_decided is None:
         return []

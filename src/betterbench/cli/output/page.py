@@ -1,4 +1,4 @@
-"""Output of subcommands that build a report: progress bars, followed by the verdicts."""
+"""Output of subcommands that build a report: progress bars first, and the verdicts at the end."""
 
 from __future__ import annotations
 

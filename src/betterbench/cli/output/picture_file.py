@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 @contextmanager
 def picture_file(out: Path, verb: str, *, overwrite: bool) -> Iterator[Callable[[Image.Image, Sequence[str]], None]]:
-    """Check and lock the output path, and yield a function that writes the image, with remarks in the file header.
+    """Check and lock the output path, and yield a function that writes an image.
+
+    The yielded function also stores the remarks passed to it in the file header.
 
     Raises:
         InvalidInputError: If the file name does not end with .png, .jpg or .jpeg.

@@ -1,4 +1,4 @@
-"""Text output of the preflight check (``better doctor --policy``)."""
+"""Functions that print the preflight check (``better doctor --policy``)."""
 
 from __future__ import annotations
 
@@ -68,5 +68,5 @@ def _print_proof(proof: ReplayProof) -> None:
 
 
 def _length(value: float, unit: str) -> str:
-    """Return a length [m] in centimeters, or an angle [rad], as text."""
+    """Format a length [m] in centimeters, or an angle [rad]."""
     return f"{100.0 * value:.1f} cm" if unit == "m" else f"{value:.2f} rad"

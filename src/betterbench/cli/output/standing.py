@@ -1,4 +1,4 @@
-"""Text output of the comparison of a policy with the pretenders (simulated faulty policies)."""
+"""Functions that print the comparison of a policy with the pretenders (simulated faulty policies)."""
 
 from __future__ import annotations
 

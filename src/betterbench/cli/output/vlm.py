@@ -1,4 +1,4 @@
-"""Text output of static evaluations of vision-language models."""
+"""Functions that print static evaluations of vision-language models."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_GROUPS = 12
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
-    """Print the scores of a run, the scores computed by upstream programs, and the caveats of the comparison.
+    """Print the scores of a run, the scores computed by upstream programs, and caveats for comparing them.
 
     Args:
         benchmark: Benchmark that was run.
@@ -57,7 +57,7 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
 
 
 def print_steps(table: StepTable) -> None:
-    """Print the scores of several runs in order, and the steps (changes of the scores) from one run to the next."""
+    """Print the scores of several runs, and the steps (changes of the scores) from each run to the next."""
     heads = {name: find_benchmark(name).title for name in table.benchmarks}
     rows = [
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
@@ -81,7 +81,7 @@ def print_steps(table: StepTable) -> None:
 
 
 def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
-    """Print a benchmark's scores for the parts listed in the paper's Table 3, such as the domains of EgoPlan-Bench2."""
+    """Print a benchmark's scores for its parts in Table 3 of the BeTTER paper, such as EgoPlan-Bench2's domains."""
     cells = {row.name: row.cells[benchmark] for row in table.rows if benchmark in row.cells}
     names = list(dict.fromkeys(part for cell in cells.values() for part in cell.parts))
     if names:
@@ -227,7 +227,7 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
 def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> None:
     """Print a model's static illusion gaps (measured with questions about images) by axis and by type.
 
-    If the run of a policy is given, the illusion gaps of its actions are printed next to them.
+    If the run of a policy is given, the illusion gaps of the policy are printed next to them.
     """
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)
@@ -255,7 +255,7 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
 
 
 def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> list[str]:
-    """Return sentences about the statistically supported static gaps of a model, and about larger gaps of a policy.
+    """Return sentences about a model's statistically significant static gaps, and about larger gaps of a policy.
 
     Args:
         gaps: Static illusion gaps of the model.

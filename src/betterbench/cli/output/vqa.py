@@ -1,4 +1,4 @@
-"""Text output of question sets, answer scores, and the comparison of a model's knowledge with a policy's behavior."""
+"""Functions that print question sets, scores, and a comparison of a model's knowledge with a policy's behavior."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
 
 
 def percent_of(k: int, n: int) -> str:
-    """Format the fraction k / n in percent. The text is a dash if n is 0."""
+    """Format the fraction k / n in percent. Return a dash if n is 0."""
     return str(percent(k, n)) if n else "–"
 
 

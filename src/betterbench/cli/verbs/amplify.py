@@ -28,11 +28,11 @@ def amplify_command(
     """Generate demonstrations for new initial states from a run's demonstrations, and save them as another run.
 
     Each skill in a source demonstration keeps its motion in the frame of the object or target that it manipulates. The
-    transit between skills is kept too, with height, side and speed varied by seed; if it would collide, a planner finds
-    another path. A failed attempt is repeated with another source demonstration. A demonstration is accepted if it
-    succeeds, remains successful while the robot holds still, and stays inside the certified training distribution. The
-    variety of the demonstrations is printed next to the variety of their sources. The same command resumes an
-    interrupted job, and a larger --demos adds demonstrations.
+    motion between skills is kept too, but its height, side and speed vary with the seed. If it would collide, a planner
+    finds another path. A failed attempt is repeated with another source demonstration. A demonstration is accepted if
+    it succeeds, remains successful while the robot holds still, and stays inside the certified training distribution.
+    The command prints how varied the demonstrations and their sources are. Running the command again resumes the job
+    where it stopped; a larger --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 

@@ -46,11 +46,12 @@ def check_command(
         size_m: Longest side in meters; by default inferred from the format and the kind.
         mass_kg: Mass in kilograms; by default inferred from the file or the kind.
         up: Axis of the file that points up, such as --up=-z; auto chooses the axis from the format and the kind.
-        freeze: Fix the movable joints of a URDF or MJCF file; without this option, such a file is rejected.
+        freeze: Fix the movable joints of URDF and MJCF files. Without this option, files with movable joints are
+            rejected.
         license: License to assume for files that do not state one.
         picture: PNG or JPEG file to write, which shows the visible parts, the collision parts and the resting pose.
-        out: Folder for the certificates; the same command resumes with the remaining assets.
-        overwrite: Replace files that better assets did not write.
+        out: Folder for the certificates. Running the command again with this folder checks only the remaining assets.
+        overwrite: Replace files that `better assets` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.importing.importer import Wishes

@@ -55,10 +55,10 @@ def import_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or catalogue ids, as assets.
+    """Import GLB, glTF, OBJ, STL, PLY, URDF or MJCF files, or meshes listed in the catalogue, as assets.
 
-    The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes
-    an interrupted import.
+    The assets are written to the folder --out, which other subcommands load with --asset-dir. Running the command again
+    resumes an interrupted import.
 
     Example: better assets import mug.glb --kind "coffee mug" --out my_assets
 
@@ -71,13 +71,14 @@ def import_command(
         size_m: Longest side in meters; by default inferred from the format and the kind.
         mass_kg: Mass in kilograms; by default inferred from the file or the kind.
         up: Axis of the file that points up, such as --up=-z; auto chooses the axis from the format and the kind.
-        freeze: Fix the movable joints of a URDF or MJCF file; without this option, such a file is rejected.
+        freeze: Fix the movable joints of URDF and MJCF files. Without this option, files with movable joints are
+            rejected.
         license: License to assume for files that do not state one.
         any_license: Also import files with a restricted or unknown license.
         author: Author to record for files that do not state one.
         workers: Number of files to import in parallel.
         out: Folder for the imported assets.
-        overwrite: Replace files that better assets did not write.
+        overwrite: Replace files that `better assets` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.places import usual_folder
@@ -112,7 +113,7 @@ def _import(
 
     if out is None:
         raise InvalidInputError(
-            "--out", "no folder for the imported assets is given", "Name a folder, for example --out my_assets"
+            "--out", "no folder for the imported assets is given", "Pass a folder, for example --out my_assets"
         )
     if not given:
         raise InvalidInputError("assets import", "no file was given", "Name the mesh, URDF or MJCF files to import")
@@ -132,7 +133,7 @@ def _import(
             raise InvalidInputError(
                 option,
                 f"expected a number above 0, got {number:g}",
-                "Give the size in meters and the mass in kilograms",
+                "Use a size in meters or a mass in kilograms",
             )
     requests = _requests(catalogue, given, options)
     with progress_bar("import", len(requests)) as (bar, task):
@@ -166,7 +167,7 @@ def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
     """Return the catalogue rows with the given ids.
 
-    If there is no catalogue and the first id looks like a file name, the raised InvalidInputError is about a missing
+    If there is no catalogue and the first id looks like a file name, raise an InvalidInputError that reports a missing
     file.
     """
     from betterbench.sim.assets.catalogue.search import Catalogue
@@ -179,7 +180,7 @@ def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
     except InvalidInputError as error:
         if Path(ids[0]).suffix:
             raise InvalidInputError(
-                ids[0], "the file does not exist", "Give an existing file, or the id of an asset in the catalogue"
+                ids[0], "the file does not exist", "Pass an existing file, or the id of an asset in the catalogue"
             ) from error
         raise
 

@@ -37,8 +37,8 @@ def index_command(
         name: Name of the source in the catalogue; only for a single source.
         license: License to assume for files that do not state one.
         author: Author to record for files that do not state one.
-        encoder: Text encoder for the search by meaning: minilm or sentence-transformers:MODEL. With none, the catalogue
-            can be searched by words only.
+        encoder: Text encoder for the search by meaning: minilm or sentence-transformers:MODEL. Use none to search by
+            words only.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.indexing import index_sources

@@ -51,7 +51,7 @@ def search_command(
         max_size: Maximum length of an asset's longest side in meters.
         min_size: Minimum length of an asset's longest side in meters.
         out: PNG or JPEG file to write, with a picture, score and license of each asset.
-        overwrite: Replace a file that better assets did not write.
+        overwrite: Replace a file that `better assets` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.encoders import open_encoder
@@ -108,7 +108,7 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the message that a search compared only words, not meanings.
+    """Return a message that says that the search compared only words, not meanings.
 
     The message includes the command that adds text embeddings to the catalogue.
     """

@@ -25,10 +25,10 @@ def show_asset_command(
     Example: better assets show procedural/mug-red --out mug.png
 
     Args:
-        ids: Id of the asset, as listed by better assets search.
+        ids: Id of the asset, as listed by `better assets search`.
         catalogue: Catalogue folder; by default in the user's cache.
         out: PNG or JPEG file for the picture.
-        overwrite: Replace a file that better assets did not write.
+        overwrite: Replace a file that `better assets` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.places import usual_folder
@@ -36,7 +36,7 @@ def show_asset_command(
 
     if len(ids) != 1:
         raise InvalidInputError(
-            "assets show", f"{len(ids)} ids are given", "Give one id, as listed by better assets search"
+            "assets show", f"{len(ids)} ids are given", "Pass one id, as listed by `better assets search`"
         )
     with Catalogue(catalogue or usual_folder()) as opened:
         entry = opened.entry(ids[0])

@@ -24,7 +24,7 @@ def assets_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(met
 
     check certifies files, folders and registered assets.
 
-    better assets COMMAND --help explains a command.
+    Use `better assets COMMAND --help` to see the options of a command.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 

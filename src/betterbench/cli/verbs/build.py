@@ -34,16 +34,17 @@ def build_command(
     """Build tasks from scenarios, certify them, and write them as a suite.
 
     Assets are chosen by a search of the catalogue. A task that fails certification is changed and tried again: without
-    the failing variations, with other slots, or with other assets. Scenarios that cannot be certified are listed on the
-    page with the failed clause. The same command produces the same files, and resumes after an interruption.
+    the failing variations, with other slots, or with other assets. The command also writes a page, which lists the
+    scenarios that cannot be certified and the clause that failed. Running the command again resumes an interrupted
+    build and produces the same files.
 
     Example: better build picnic/scenarios --out picnic/suite
 
     Args:
-        scenarios: Scenario files written by better generate, or folders with such files.
+        scenarios: Scenario files written by `better generate`, or folders with such files.
         out: Output folder of the build. The suite is written to a folder inside it.
         build: Options for building and certifying tasks.
-        overwrite: Replace files in the output folder that better build did not write.
+        overwrite: Replace files in the output folder that `better build` did not write.
         json: Print one JSON document instead of a table.
     """
     build_and_tell(read_scenarios(scenarios), out, build, overwrite=overwrite, json=json)
@@ -60,7 +61,7 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
     from betterbench.generation.sense import require_groups
     from betterbench.json_form import read_bounded
 
-    cure = "Give a folder written by better generate"
+    cure = "Pass a folder written by `better generate`"
     found = []
     for path in paths:
         folder = path / "scenarios" if (path / "scenarios").is_dir() else path
@@ -83,9 +84,9 @@ def _by_number(file: Path) -> tuple[int, str]:
 def build_and_tell(
     scenarios: Sequence[Scenario], out: Path, build: BuildOptions, *, overwrite: bool, json: bool
 ) -> None:
-    """Build and certify tasks from scenarios, write a page about them, and print the outcome.
+    """Build and certify tasks from scenarios, draw their picture cards, write a page, and print the outcome.
 
-    Picture cards of the tasks are drawn too. If requested, it is measured which faults each variation can expose.
+    If requested, also measure which faults each variation can expose.
     """
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.generation.building.job import build_suite
@@ -136,7 +137,7 @@ def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
 
 
 def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[str, str]:
-    """Draw the picture cards that certified tasks still lack.
+    """Draw the missing picture cards of certified tasks.
 
     Return the path of each task's card, relative to ``out``.
     """

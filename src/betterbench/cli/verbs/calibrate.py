@@ -47,7 +47,7 @@ def calibrate_command(
     ground truth. The independent family has a different controller and other faulty behaviors, written by people who
     had not read the diagnosis code. With --power, faulty rules at full strength, blind probes and replayed
     demonstrations are run on every variation. The resulting power matrix shows the faults that each variation exposes.
-    Ctrl-C keeps finished trials; the same command resumes.
+    Ctrl-C keeps finished trials, and running the command again resumes the job.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
@@ -61,14 +61,15 @@ def calibrate_command(
             independent family, default 4.
         seed: First seed.
         workers: Number of worker processes; default: one per CPU core.
-        family: Set of policies: the faulty policies, or a part of the independent family. The part development was used
-            to develop the diagnosis. The other parts (held_out, second and so on) were each used only once.
+        family: Set of policies: the faulty policies, or a part of the independent family. The part "development" was
+            used to develop the diagnosis. The other parts (held_out, second and so on) were each used only once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
-        power: Measure the power matrix instead. The trials of the matrix are fixed, so that only tasks, out and workers
-            can be given.
+        power: Measure the power matrix instead. Its policies, strengths, trials and seeds are fixed, so the options
+            for these cannot be used.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
             the other tasks are copied from the packaged file if they have not changed.
-        overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better calibrate` did not make, and replace files of the same names
+            there.
         json: Print the result as one JSON document at the end.
     """
     from betterbench.cli.verbs.evaluate import prepare_robots_of

@@ -35,9 +35,9 @@ def certify_command(
 ) -> None:
     """Certify that trials can be solved with trained motions, begin at rest, and match the premise of the instruction.
 
-    better eval plans the same trials if it gets the same tasks, trials and seed. Ctrl-C keeps finished trials; the same
-    command resumes. The exit status is 0 even if a trial fails a clause of the certificate. Failed trials are listed,
-    and better eval rejects them.
+    With the same tasks, trials and seed, `better eval` plans the same trials. Ctrl-C keeps finished trials, and
+    running the command again resumes the job. The exit status is 0 even if a trial fails a clause of the certificate.
+    Failed trials are listed, and `better eval` rejects them.
 
     With --demonstrations, the command measures that number of expert demonstrations per task instead of certifying. The
     measured release positions are needed for the certificate and for the poses of pre-placed objects. Do this once for
@@ -57,7 +57,7 @@ def certify_command(
         arm: Option that selects the robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
-        overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better certify` did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
     """
     from betterbench.certification.coverage import packaged_coverage
@@ -79,7 +79,7 @@ def certify_command(
     of_package = arm.of(of_suite)
     if write_package and demonstrations is None and robot != of_package:
         problem = f"the certificate of {suite} is for robot {of_package!r}, but these tasks are for {robot!r}"
-        raise InvalidInputError("--write-package", problem, "Give the suite of these tasks with --suite")
+        raise InvalidInputError("--write-package", problem, "Pass the suite of these tasks with --suite")
     if write_package and suite not in SUITES:
         raise InvalidInputError(
             "--write-package", f"{suite} is not a packaged suite", f"Choose one of {', '.join(SUITES)}"
@@ -134,7 +134,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
     packaged = [name for name in tasks if destination(get_task(name).id) is None]
     if packaged and not write_package:
         problem = f"demonstrations of {packaged[0]} are already shipped with the suite"
-        raise InvalidInputError("--demonstrations", problem, "Give --tasks from a --task-file, or add --write-package")
+        raise InvalidInputError("--demonstrations", problem, "Use --tasks from a --task-file, or add --write-package")
     with progress_bar("measure", number * len(tasks)) as (bar, task):
 
         def told(progress: JobProgress[Demonstration]) -> None:

@@ -26,7 +26,8 @@ def collect_command(
 
     The seed determines the motion style of each demonstration: speed, side and height of the approach, pauses, detours,
     and grasps that miss and are corrected. The initial states cover the training distribution evenly, and test seeds
-    are never used. Ctrl-C keeps finished demonstrations; the same command resumes, and a larger --demos adds more.
+    are never used. Ctrl-C keeps finished demonstrations. Running the command again resumes the job where it stopped; a
+    larger --demos adds more.
 
     Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
 

@@ -35,14 +35,14 @@ def compare_command(
 
     Runs of several suites or of CALVIN are shown in one table instead. It contains success in LIBERO's four suites and
     CALVIN's chains, comparisons on the same initial states, and each policy's drop in success when the scene changes.
-    Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one. A
-    run of better vlm and a run of better eval can also be given for each policy, with the same names or in the same
-    order. The command then tests whether a better static score predicts a smaller illusion gap.
+    Runs with the same name count as one policy. Runs of `better vlm` are compared in order, each with the previous one.
+    You can also pass one run of `better vlm` and one run of `better eval` for each policy, with the same names or in
+    the same order. The command then tests whether a better static score predicts a smaller illusion gap.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
-        runs: Two or more run folders, or files written by better export.
+        runs: Two or more run folders, or files written by `better export`.
         name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
         alpha: Significance level of the tests; intervals have confidence 1 - alpha.
@@ -50,12 +50,13 @@ def compare_command(
         allow_mixed: Compare runs even if their versions or engines differ.
         fail_if_worse: For continuous integration: exit with status 1 if the first run is significantly worse than
             another run over all variations.
-        column: For runs of better vlm: scores to compare, from strictly parsed answers (strict), all parsed answers
+        column: For runs of `better vlm`: scores to compare, from strictly parsed answers (strict), all parsed answers
             (parsed, the default), or answers read by an extractor model (extracted).
-        paper: For runs of better vlm: add the findings of better audit-paper about the paper's table of static
-            benchmarks (part of betterbench-calibration).
+        paper: For runs of `better vlm`: add the findings of `better audit-paper` about the table of static benchmarks
+            in the BeTTER paper (part of betterbench-calibration).
         out: Across suites: folder for the tables as CSV and LaTeX.
-        overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better compare` did not make, and replace files with the same names
+            there.
         json: Print one JSON document instead of sentences and tables.
     """
     from betterbench.cli.output.comparison import print_comparison
@@ -66,28 +67,36 @@ def compare_command(
 
     for path in runs:
         if not path.exists():
-            raise InvalidInputError(str(path), "does not exist", "Give run folders, or files written by better export")
+            raise InvalidInputError(
+                str(path), "the path does not exist", "Pass run folders, or files written by `better export`"
+            )
     static = [path for path in runs if is_static_run(path)]
     if static:
         given = {"--sequential": sequential, "--allow-mixed": allow_mixed, "--fail-if-worse": fail_if_worse}
         for option in (*(name for name, is_given in given.items() if is_given), *(["--out"] if out else [])):
-            raise InvalidInputError(option, "it is not used for runs of better vlm", f"Leave out {option}")
+            raise InvalidInputError(
+                option, "this option is not used for runs made with `better vlm`", f"Leave out {option}"
+            )
         _static(runs, static, name, alpha=alpha, column=column or "parsed", paper=paper, json=json)
         return
     if paper:
-        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave out --paper")
+        raise InvalidInputError(
+            "--paper", "this option applies only to runs made with `better vlm`", "Leave out --paper"
+        )
     if column is not None:
-        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave out --column")
+        raise InvalidInputError(
+            "--column", "this option applies only to runs made with `better vlm`", "Leave out --column"
+        )
     folders = [RunFolder.open(path) for path in runs if path.is_dir()]
     if len(folders) == len(runs) and is_across(folders):
         if sequential or fail_if_worse:
             option = "--sequential" if sequential else "--fail-if-worse"
-            raise InvalidInputError(option, "it applies only to runs of one suite", f"Leave out {option}")
+            raise InvalidInputError(option, "this option applies only to runs of one suite", f"Leave out {option}")
         _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:
         raise InvalidInputError(
-            "--out", "it applies only to runs of several suites", "Leave out --out, or use `better report`"
+            "--out", "this option applies only to runs of several suites", "Leave out --out, or use `better report`"
         )
     with progress_bar("diagnosing", 0, stays=False) as (bar, task):
 
@@ -114,7 +123,7 @@ def _static(
     paper: bool,
     json: bool,
 ) -> None:
-    """Compare runs of better vlm with each other, or with the illusion gaps of runs of better eval."""
+    """Compare runs of `better vlm` with each other, or with the illusion gaps of runs of `better eval`."""
     from betterbench.cli.output.vlm import print_prediction, print_steps
     from betterbench.vlm.scoring import COLUMNS
     from betterbench.vlm.steps import step_table
@@ -144,7 +153,7 @@ _NO_AUDIT = "The audit of the paper's table is part of betterbench-calibration, 
 
 
 def _audited() -> Any:  # noqa: ANN401 - an Audit of betterbench-calibration, which this package does not import
-    """Return the audit of the paper's table of static benchmarks."""
+    """Return the audit of the table of static benchmarks in the BeTTER paper."""
     audit = calibration_module("audit", _NO_AUDIT)
     found = audit.audit_source(audit.paper_tables())
     return audit.Audit(found.source, tuple(table for table in found.tables if table.table.name == STATIC_TABLE))
@@ -155,7 +164,7 @@ def _prediction(
 ) -> PredictionTable:
     """Test whether the static scores of policies predict their illusion gaps.
 
-    A policy's run of better vlm and its run of better eval are matched by name, or by order if no names are given.
+    A policy's run of `better vlm` and its run of `better eval` are matched by name, or by order if no names are given.
     """
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder
@@ -164,11 +173,13 @@ def _prediction(
 
     if name and len(name) != len(runs):
         problem = f"got {len(name)} names for {len(runs)} runs"
-        raise InvalidInputError("--name", problem, "Give --name once per run, or leave out --name")
+        raise InvalidInputError("--name", problem, "Pass one --name per run, or leave out --name")
     acted = [path for path in runs if path not in static]
     if any(not path.is_dir() for path in acted):
         other = next(path for path in acted if not path.is_dir())
-        raise InvalidInputError(str(other), "is not a run folder", "Give the folder of a run of better eval")
+        raise InvalidInputError(
+            str(other), "this is not a run folder", "Pass the folder of a run made with `better eval`"
+        )
     names = list(name) or [str(i) for group in (static, acted) for i in range(len(group))]
     paths = list(runs) if name else [*static, *acted]
     sides: dict[str, dict[bool, Path]] = {}
@@ -177,13 +188,15 @@ def _prediction(
         if (path in static) in pair:
             kind = "better vlm" if path in static else "better eval"
             problem = f"{pair[path in static]} and {path} are both runs of {kind} named {called!r}"
-            raise InvalidInputError("--name", problem, "Give one run of better vlm and one of better eval per policy")
+            raise InvalidInputError(
+                "--name", problem, "Pass one run made with `better vlm` and one made with `better eval` per policy"
+            )
         pair[path in static] = path
     for pair in sides.values():
         if len(pair) < 2:
             missing = "better eval" if True in pair else "better vlm"
             problem = f"{next(iter(pair.values()))} has no run of {missing}"
-            cure = "Give the two runs of each policy, with the same --name or in the same order"
+            cure = "Pass both runs of each policy, with the same --name or in the same order"
             raise InvalidInputError("better compare", f"{problem} for the same policy", cure)
     found = [
         (called if name else None, read_static_run(pair[True]), diagnosed(RunFolder.open(pair[False])))

@@ -38,11 +38,11 @@ def dataset_command(
 ) -> None:
     """Make a training set from demonstrations of one training distribution; every record is checked.
 
-    Expert demonstrations are adapted to initial states that cover the distribution evenly (see better amplify). The
-    folder contains the demonstrations as a run, which better export, materialize and vqa can read. It also contains a
-    dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a
-    learner trained on this set will fail. The command prints how to reproduce the set. Ctrl-C keeps finished
-    demonstrations; the same command resumes, and a larger --demos adds more.
+    Expert demonstrations are adapted to initial states that cover the distribution evenly (see `better amplify`). The
+    folder contains the demonstrations as a run, which `better export`, `better materialize` and `better vqa` can read.
+    It also contains a dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the
+    variations that a learner trained on this set will fail. The command prints how to reproduce the set. Ctrl-C keeps
+    finished demonstrations. Running the command again resumes the job where it stopped; a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 
@@ -92,7 +92,7 @@ def _require_hash(text: str | None) -> None:
         raise InvalidInputError(
             "--expect",
             f"{text!r} is not the hash of a set",
-            "Give the 64 hexadecimal digits that better dataset printed",
+            "Pass the 64 hexadecimal digits printed by `better dataset`",
         )
 
 

@@ -29,7 +29,8 @@ def demo_command(
         trials: Trials per variation.
         workers: Number of worker processes; default: one per CPU core.
         films: Maximum number of videos in the report; other failures are shown as one image. 0 renders nothing.
-        overwrite: Write to a folder OUT/report that better did not make, and replace files with the same names there.
+        overwrite: Write to OUT/report even if better did not make this folder, and replace files with the same names
+            there.
     """
     from betterbench.api.report import report_into
     from betterbench.cli.output.page import LISTENER, print_verdicts

@@ -35,17 +35,17 @@ def diagnose_command(
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
     With --answers, a model's answers about the decisive moments are compared with the policy's behavior. For each
-    trial, the result states whether the model answered correctly, and whether the policy acted accordingly. better
-    report shows the comparison too.
+    trial, the result states whether the model answered correctly, and whether the policy acted accordingly.
+    `better report` shows the comparison too.
 
     Example: better diagnose runs/expert
 
     Args:
         run: Run folder.
-        twins: For a LIBERO-PRO run: the same policy's run of the base suite, whose trials from the same initial states
+        twins: For a LIBERO-PRO run: a run of the same policy on the base suite. Its trials from the same initial states
             are the counterfactual twins. Nothing is stored in this case.
         keep: Do not change the stored diagnosis and the stored answers.
-        answers: File with answers to a question set made by better vqa --run.
+        answers: File with answers to a question set made by `better vqa --run`.
         questions: Folder of the question set; default: the folder of the answers.
         json: Print one JSON document instead of tables.
     """
@@ -147,12 +147,14 @@ def _knowledge(
 
     if questions is None and not (answers.absolute().parent / SET_NAME).exists():
         problem = f"the folder of {answers} contains no question set"
-        raise InvalidInputError("--questions", problem, "Give the folder of the question set that was answered")
+        raise InvalidInputError("--questions", problem, "Pass the folder of the question set that was answered")
     asked = read_set(answers.absolute().parent if questions is None else questions)
     asked.require_about(folder)
     known = knowledge_of(result, asked, read_answers(answers, asked))
     if not known.is_complete:
-        say("Not stored for the report: not every question has an answer yet. Ask the rest with better vqa SET --ask.")
+        say(
+            "Not stored for the report: not every question has an answer yet. Ask the rest with `better vqa SET --ask`."
+        )
     elif not keep:
         with _said_if_not_kept("the report will not show it", knowledge_path(folder)):
             store_knowledge(folder, known)

@@ -33,13 +33,13 @@ def doctor_command(
 
     With --policy: compare conventions, request actions for one observation, measure the latency, and draw the
     observation and the motion that the actions would cause. Then send the observations of a demonstration to the
-    policy, and compare its actions with the demonstration. This checks the conventions and gives a scale factor per
-    axis.
+    policy, and compare its actions with the demonstration. This comparison checks the conventions and determines a
+    scale factor per axis.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
     Args:
-        policy: Policy address to check (see better list policies).
+        policy: Policy address to check (see `better list policies`).
         task: Task whose initial observation is sent to the policy.
         condition: Condition of that task; default: its first training condition.
         seed: Trial seed.
@@ -49,7 +49,7 @@ def doctor_command(
         arm: The robot of the planned run.
         proof: Replay a demonstration, which takes up to 100 requests.
         out: PNG file to write; doctor-POLICY.png if not given.
-        overwrite: Replace a file that better doctor did not write.
+        overwrite: Replace a file that `better doctor` did not write.
         json: Print one JSON document instead of a table.
     """
     if policy is None:

@@ -38,7 +38,7 @@ class TrialOptions:
     """Options that select the trials and the conventions of a run.
 
     Attributes:
-        suite: Suite that contains the tasks (see better list suites); LIBERO and CALVIN suites run in those worlds.
+        suite: Suite that contains the tasks (see `better list suites`); LIBERO and CALVIN suites run in those worlds.
         tasks: Tasks to run; default: all tasks in the suite.
         variations: Variations to run; default: all.
         trials: Trials per variation, default 20. In LIBERO: initial states per task, default from the protocol. In
@@ -150,15 +150,16 @@ def evaluate_command(
     explain_power: bool = False,
     json: bool = False,
 ) -> None:
-    """Evaluate a policy. The same command resumes an unfinished run.
+    """Evaluate a policy. Running the command again resumes an unfinished run.
 
-    Every variation runs with the same seeds. The training conditions together run the same number of trials, the first
-    of which are the counterfactual twins. Trials that no certificate covers are rejected (see better certify).
+    All variations of a task run with the same seeds. The training conditions of a task together get as many trials as
+    each variation. Among them are the counterfactual twins: training trials with the same seeds. Trials that no
+    certificate covers are rejected (see `better certify`).
 
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Policy address (see better list policies); with --from, a policy to run instead of that run's policy.
+        policy: Policy address (see `better list policies`); with --from, a policy to run instead of that run's policy.
         out: Run folder; runs/POLICY if not given.
         from_run: Folder or run.json of another run, whose trials, seeds, conventions and policy are repeated.
         chosen: Options that select the trials and the conventions.
@@ -171,12 +172,12 @@ def evaluate_command(
         ray: Placement of a run on a Ray cluster.
         policy_timeout: Maximum time for one answer of a python: or lerobot: policy [s]; for a server, set it in the
             policy address.
-        certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
+        certificate: Certificate written by `better certify`, or its folder; default: the certificate shipped with the
             suite.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run even if relevant versions differ.
         trust: With --from or --run-file, allow the file to run code or to send an API key.
-        allow_changed_policy: Resume although the policy's declarations have changed since the run began.
+        allow_changed_policy: Resume even if the policy's declarations have changed since the run began.
         explain_power: Print in detail which drops in success the trials can show.
         json: Print one JSON document at the end.
     """
@@ -184,7 +185,7 @@ def evaluate_command(
 
     if engine == "local":
         _refuse_changed(
-            ray, "it applies to Ray clusters, but the engine is local", "Add --engine ray, or leave out {option}"
+            ray, "this option is for Ray clusters, but the engine is local", "Add --engine ray, or leave out {option}"
         )
     chosen_world = world_of_suite(chosen.suite)
     _refuse_other_options(world, chosen_world)
@@ -220,8 +221,8 @@ def evaluate_command(
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
     """Print the number of trials and the smallest drops that they can detect. For a large plan, suggest a smaller run.
 
-    ``certified`` contains the command-line options for robot and certificate. It is None if the plan is that of another
-    run.
+    ``certified`` contains the command-line options for robot and certificate. It is None if the plan is taken from
+    another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -269,7 +270,9 @@ def _plan(
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it applies only to a repeated run", "Add --from RUN, or leave out this option"
+            "--allow-other-versions",
+            "this option applies only to a repeated run",
+            "Add --from RUN, or leave out this option",
         )
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)
@@ -282,7 +285,7 @@ def _plan(
         return plan
     if policy is None:
         raise InvalidInputError(
-            "--policy", "no policy is given", "Give a policy address, or --from RUN to repeat a run"
+            "--policy", "no policy is given", "Pass a policy address, or --from RUN to repeat a run"
         )
     options = asdict(chosen) | asdict(arm)
     del options["suite"]
@@ -296,10 +299,10 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
 
     if from_run is not None:
         raise InvalidInputError(
-            "--from", f"runs of {chosen.suite} cannot be repeated", "Give --suite and --policy instead"
+            "--from", f"runs of {chosen.suite} cannot be repeated", "Use --suite and --policy instead"
         )
     if policy is None:
-        raise InvalidInputError("--policy", "no policy is given", "Give the address of a policy")
+        raise InvalidInputError("--policy", "no policy is given", "Pass the address of a policy")
     _refuse_changed(
         replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
         f"the option does not apply to {chosen.suite}",
@@ -323,9 +326,9 @@ def _changed(world: WorldOptions) -> dict[str, Any]:
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Reject the first option that does not apply in the world of the run.
+    """Raise InvalidInputError for the first option that the world of the suite does not support.
 
-    The message names the worlds in which it applies.
+    The message lists the worlds that support the option.
     """
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed
@@ -339,7 +342,9 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
     option = f"--{name.replace('_', '-')}"
     others = [other for other in all_worlds() if has(other, name)]
     titles, suite = listed([other.facts.title for other in others]), next(iter(others[0].facts.suites))
-    raise InvalidInputError(option, f"it applies only to {titles}", f"Leave out {option}, or give --suite {suite}")
+    raise InvalidInputError(
+        option, f"this option applies only to {titles}", f"Leave out {option}, or use --suite {suite}"
+    )
 
 
 def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str, cure: str) -> None:
@@ -532,7 +537,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         )
     broken = counts["errors"]["k"]
     if broken:
-        OUT.print(f"broken      {broken} trials could not be run; the same command runs them again", markup=False)
+        OUT.print(f"broken      {broken} trials could not be run; running the command again repeats them", markup=False)
     failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"

@@ -41,10 +41,10 @@ def export_command(
 ) -> None:
     """Export a run's outcomes, or the demonstrations of runs as a data set for training policies.
 
-    A submission, which better compare can read, contains the outcome of every planned trial, all versions, and the hash
-    of each record. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful
-    trials in training conditions, in the layout of a preset. A policy trained on the data set is evaluated with the
-    same preset. Ctrl-C keeps finished episodes; the same command resumes.
+    A submission, which `better compare` can read, contains the outcome of every planned trial, the versions of the
+    software, and the hash of each record. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and
+    actions of successful trials in training conditions, in the layout of a preset. A policy trained on the data set is
+    evaluated with the same preset. Ctrl-C keeps finished episodes, and running the command again resumes the export.
 
     Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
@@ -52,10 +52,9 @@ def export_command(
         runs: Run folder; several folders for a data set.
         to: submission; tensorboard or wandb (extras with the same names; settings of wandb such as WANDB_MODE=offline
             determine what it uploads); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for
-            GR00T and Being-H) or robomimic (HDF5, extra robomimic); for a run of better vlm, lmms-eval (its log of
-            samples).
-        out: Submission file, default NAME.json; tracker folder, default RUN/TRACKER; data set folder, or the data set
-            file for robomimic; folder of the logs of samples, default RUN/lmms_eval.
+            GR00T and Being-H) or robomimic (HDF5, extra robomimic); for a run of `better vlm`, lmms-eval (sample logs).
+        out: Where to write: the submission file (default NAME.json), the tracker folder (default RUN/TRACKER), the data
+            set folder (for robomimic, a file), or the folder of the sample logs (default RUN/lmms_eval).
         name: Policy name; default: the name that the policy declared.
         project: Project name for the tracker wandb.
         check: Submission or data set to check against the records of the runs; nothing is written.
@@ -70,14 +69,14 @@ def export_command(
         quality: Render preset for the images; default: the run's preset.
         validation: Fraction of the seeds held out for validation; the episodes with these seeds come last.
         language: Also write the language columns, which LeRobot versions before 0.6 reject.
-        vqa: Question set made by better vqa about the same run, to be written to the language columns.
+        vqa: Question set made by `better vqa` about the same run, to be written to the language columns.
         workers: Number of episodes rendered in parallel; default: one per CPU core.
-        overwrite: Replace a file that better export did not write, or another data set of better export.
+        overwrite: Replace a file that `better export` did not write, or another data set of `better export`.
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
-        named = "Give the folder of the run, the --out of better eval or better collect"
-        compared = f"Give the folders of the runs to compare {check} with"
+        named = "Pass the folder of the run, which is the --out of `better eval` or `better collect`"
+        compared = f"Pass the folders of the runs to compare with {check}"
         raise InvalidInputError("runs", "no run was given", named if check is None else compared)
     if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
@@ -110,11 +109,11 @@ def export_command(
 def _export_samples(
     runs: tuple[Path, ...], out: Path | None, refused: Mapping[str, object], *, overwrite: bool, as_json: bool
 ) -> None:
-    """Write the sample logs of runs of better vlm in the format of lmms-eval."""
+    """Write the sample logs of runs of `better vlm` in the format of lmms-eval."""
     from betterbench.vlm.samples import write_samples
 
     for option in refused:
-        raise InvalidInputError(option, "it is not used by the lmms-eval export", f"Leave out {option}")
+        raise InvalidInputError(option, "this option is not used by the lmms-eval export", f"Leave out {option}")
     files = [write_samples(run, out or run / "lmms_eval", overwrite=overwrite) for run in runs]
     document = {"files": [str(file) for file, _ in files], "samples": [count for _, count in files]}
     _tell(document, "\n".join(f"{count} samples\nwritten to  {file}" for file, count in files), as_json=as_json)
@@ -125,7 +124,7 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     for option, value in given.items():
         if value:
             cure = f"Add --to {', --to '.join(_PRESETS)}, or leave out {option}"
-            raise InvalidInputError(option, f"applies only to data sets, and {to} is not a data set", cure)
+            raise InvalidInputError(option, f"this option applies only to data sets, and {to} is not a data set", cure)
 
 
 def _is_dataset(path: Path) -> bool:
@@ -167,7 +166,7 @@ def _export_dataset(
 
     if out is None:
         what = "file, such as demos.hdf5" if to == "robomimic" else "folder of the data set"
-        raise InvalidInputError("--out", "is missing", f"Give the {what}")
+        raise InvalidInputError("--out", "this option is required", f"Pass the {what}")
     folders = [RunFolder.open(run) for run in runs]
     layout = layout_of(options.preset, options.observation, robot=robot_of_runs(folders))
     selection = select_demonstrations(folders, tasks=options.tasks, variations=options.variations)
@@ -237,7 +236,7 @@ def _export_outcomes(
 
     if len(runs) > 1:
         raise InvalidInputError(
-            "runs", f"{len(runs)} runs were given", "Give one run, or add --to lerobot for a data set"
+            "runs", f"{len(runs)} runs were given", "Pass one run, or add --to lerobot for a data set"
         )
     folder = RunFolder.open(runs[0])
     if check is not None:

@@ -44,17 +44,17 @@ def generate_command(
     A scenario is a setting with an instruction and object descriptions. The offline author needs no model: it combines
     library objects that belong together. The answers of a language model are checked for format and plausibility, and
     problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
-    answers instead of the model. The same command produces the same files, and resumes after an interruption.
+    answers instead of the model. Running the command again resumes an interrupted job and produces the same files.
 
-    With --until N, scenarios are drawn, built and certified until the suite has N tasks, without near-duplicates and
-    under quotas, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows the quotas,
-    the tasks, and the rejected scenarios. The last options, from --name on, are for --until and --build.
+    With --until N, scenarios are drawn, built and certified until the suite has N tasks. Near-duplicates are left out,
+    and quotas are respected, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows
+    the quotas, the tasks, and the rejected scenarios. The options from --name on are used only with --until or --build.
 
     Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
 
     Args:
-        target: Name of a template (better list templates), or a sentence in quotes; with --until, all templates if not
-            given.
+        target: Name of a template (`better list templates`), or a sentence in quotes; with --until, all templates if
+            not given.
         out: Folder of the scenarios.
         num: Number of scenarios; default: 10 for a template, 1 for a sentence.
         model: "offline", or an OpenAI-compatible chat endpoint with its model, such as
@@ -64,17 +64,17 @@ def generate_command(
         vocabulary: Objects that a model may use: library objects, or any.
         replay: File exchanges.jsonl of an earlier run. The answers stored in it are used instead of asking a model.
         key_variable: Environment variable with the API key of the endpoint.
-        build: Build and certify the tasks in the subfolder "build", as better build does.
-        until: Number of certified tasks in the suite.
+        build: Build and certify the tasks in the subfolder "build", as `better build` does.
+        until: Add tasks until the suite has this number of certified tasks.
         quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
             range (10%-30%, 3-8).
         quotas: YAML or JSON file with quotas.
         distinct: Minimum difference between two tasks: they differ in the category of an object (categories), or in the
             category or color of an object (colors).
-        unlike: Suites whose near-duplicates are rejected: better60, or suite folders.
+        unlike: Reject tasks that nearly duplicate a task of these suites: better60, or suite folders.
         max_attempts: Maximum number of scenarios to build; default: three per task.
         options: Options for building and certifying tasks, used with --until and --build.
-        overwrite: Replace files in the output folder that better generate did not write.
+        overwrite: Replace files in the output folder that `better generate` did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.generation.folder import GenerateSettings, generate_scenarios
@@ -86,7 +86,9 @@ def generate_command(
 
         if build:
             raise InvalidInputError(
-                "--build", "cannot be combined with --until, which already builds the tasks", "Leave out --build"
+                "--build",
+                "this option cannot be combined with --until, which already builds the tasks",
+                "Leave out --build",
             )
         asked = read_quotas(quota, quotas)
         growing = GrowSettings(until, settings, options.settings, asked, distinct, unlike, max_attempts, options.name)
@@ -95,7 +97,7 @@ def generate_command(
     given = {"--quota": quota, "--quotas": quotas, "--unlike": unlike, "--max-attempts": max_attempts}
     _require_unused(given, "--until", "a number of tasks")
     if not target:
-        cure = "Give a template (see better list templates), a sentence in quotes, or --until for a suite"
+        cure = "Pass a template (see `better list templates`), a sentence in quotes, or --until for a suite"
         raise InvalidInputError("better generate", "no template was given", cure)
     with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
@@ -120,7 +122,7 @@ def _require_unused(options: Mapping[str, object], needed: str, what: str) -> No
     """Raise InvalidInputError if an option is given that has no effect without another option."""
     given = next((name for name, value in options.items() if value not in (None, ())), None)
     if given is not None:
-        raise InvalidInputError(given, f"has no effect without {needed}", f"Give {needed} with {what}")
+        raise InvalidInputError(given, f"this option has no effect without {needed}", f"Add {needed} with {what}")
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:

@@ -1,4 +1,4 @@
-"""``better generate --until``: grow a suite under quotas until it has a number of certified tasks."""
+"""``better generate --until``: add certified tasks to a suite, subject to quotas, until it has the requested size."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read_quotas(texts: Sequence[str], file: Path | None) -> tuple[Quota, ...]:
 
 
 def _form(file: Path) -> Mapping[str, object]:
-    """Read a quota file and return its fields. An amount that is written as a number is converted to text."""
+    """Read a quota file and return its fields. Amounts that are numbers are converted to strings."""
     found = read_yaml(file, cure="Write lines like `template: {loose_packing: 20%}`")
     return {
         kind: {str(value): str(amount) if type(amount) is int else amount for value, amount in part.items()}
@@ -45,9 +45,9 @@ def _form(file: Path) -> Mapping[str, object]:
 
 
 def grow_and_tell(settings: GrowSettings, out: Path, build: BuildOptions, *, overwrite: bool, json: bool) -> None:
-    """Grow a suite, write a page about it, and print the outcome.
+    """Grow a suite, draw picture cards of its tasks, write a page, and print the outcome.
 
-    Picture cards of the tasks are drawn too. If requested, it is measured which faults each variation can expose.
+    If requested, also measure which faults each variation can expose.
     """
     from betterbench.cli.verbs.build import CARDS, draw_cards, power_of_suite
     from betterbench.cli.verbs.evaluate import prepare_robot

@@ -37,11 +37,13 @@ def import_better_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Import tasks of the BeTTER release, and list unsupported motions and instructions that do not match the scene.
+    """Import tasks of the BeTTER release.
+
+    List motions that are not supported and instructions that contradict the scene.
 
     The folder is a clone of github.com/BeingBeyond/BeTTER, or one task folder in it. The output contains audit.json,
-    audit.md and a suite folder with the tasks on our assets, for --suite and --task-file of other commands. The
-    release is only read; none of its code is executed.
+    audit.md and a suite folder, in which the tasks use the assets of betterbench. Other commands load this folder with
+    --suite or --task-file. The release is only read; none of its code is executed.
 
     Example: better import-better BeTTER --out imported --certify
 
@@ -54,7 +56,7 @@ def import_better_command(
         trials: Trials per variation for --certify.
         demonstrations: Demonstrations per task to measure for --certify.
         workers: Worker processes for --certify; one per CPU core if not given.
-        overwrite: Write to a folder that better import-better did not make, and replace existing files.
+        overwrite: Write even to a folder that `better import-better` did not make, and replace existing files.
         json: Print the audit as one JSON document.
     """
     from betterbench.generation.better_release import audit_form, audit_markdown

@@ -23,7 +23,7 @@ def list_command(
 
     Args:
         what: Kind of list: suites, tasks, variations, policies, assets or templates.
-        tasks: Tasks that are listed, or whose variations are listed; default: all loaded tasks.
+        tasks: Tasks to list, or tasks for which to list the variations; default: all loaded tasks.
         json: Print one JSON document instead of a table.
     """
     columns, rows = _table(what, tasks)

@@ -37,9 +37,9 @@ def materialize_command(
 ) -> None:
     """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
-    Only the records and scenes of the run are read. The same command resumes after an interruption: intact files are
-    kept, and missing or damaged files are rendered again. The files do not depend on the number of workers or on
-    interruptions.
+    Only the records and scenes of the run are read. Running the command again resumes the job where it stopped: intact
+    files are kept, and missing or damaged files are rendered again. The files do not depend on the number of workers or
+    on interruptions.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -55,7 +55,7 @@ def materialize_command(
         out: Folder to write; RUN/modalities if not given.
         workers: Number of worker processes that render and compress files.
         follow: Also process trials of a run in progress, until it ends.
-        check: Only verify the checksums of all files; each recorded trial, or each --trial, must have its files.
+        check: Only check that the files of each recorded trial, or of each --trial, exist and match their checksums.
             Nothing is written.
         json: Print one JSON document as a summary.
     """
@@ -98,7 +98,7 @@ def materialize_command(
 
 
 def _trial(text: str) -> TrialId:
-    """Parse a trial given as TASK/CONDITION/SEED. Raise InvalidInputError if the text has another form."""
+    """Parse a trial given as TASK/CONDITION/SEED. Raise InvalidInputError if the string has a different format."""
     from betterbench.errors import InvalidInputError
     from betterbench.tasks import TrialId
 
@@ -106,7 +106,7 @@ def _trial(text: str) -> TrialId:
     condition, _, seed = rest.partition("/")
     if not (task and condition and seed.isascii() and seed.isdigit()):
         raise InvalidInputError(
-            "--trial", f"{text!r} does not name a trial", "Give TASK/CONDITION/SEED, such as fast_food/T1/0"
+            "--trial", f"{text!r} is not a trial", "Write TASK/CONDITION/SEED, such as fast_food/T1/0"
         )
     return TrialId(task, condition, int(seed))
 
@@ -142,7 +142,7 @@ def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
     if found.is_of_another_run:
         return (
             f"{place}: the files do not belong to the records of {run}. For example, one file belongs to "
-            f"{found.strangers[0]}. Give the run from which the files were rendered, or another --out to render this "
+            f"{found.strangers[0]}. Pass the run from which the files were rendered, or another --out to render this "
             "run."
         )
     listed = [f"{problem.path.relative_to(place)} {problem.text}" for problem in found.problems]

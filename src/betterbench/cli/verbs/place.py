@@ -29,7 +29,8 @@ def place_command(
 
     The robot's base is moved to the position from which it can reach the most slots. Each task is written as a separate
     task file, TASK_ROBOT.json. The table shows the base position relative to the base of the task's original robot, the
-    slots out of reach, the planned grasps by object, and the trials of training conditions that the expert solves.
+    slots out of reach, how many grasps can be planned per object, and how many trials of training conditions the expert
+    solves.
 
     Example: better place --robot so101 --tasks cheeseburger --out placed
 
@@ -40,7 +41,7 @@ def place_command(
         arm: Option that selects the robot.
         trials: Trials per training condition.
         measure: Measure the grasps and the solved trials; with --no-measure, only the task files are written.
-        overwrite: Write to a folder that better place did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better place` did not make, and replace files of the same names there.
         json: Print the measurements as one JSON document.
     """
     from betterbench.certification.placing import measure_feasibility, place_task
@@ -53,7 +54,7 @@ def place_command(
 
     of_suite = suite_tasks(suite)
     if arm.robot is None:
-        raise InvalidInputError("--robot", "no robot was given", "Give the robot to which the tasks are to be adapted")
+        raise InvalidInputError("--robot", "no robot was given", "Choose the robot to which to adapt the tasks")
     require_between("--trials", trials, 1, 1000)
     seeds = trials if measure else 0
     spec = robot(arm.robot)
@@ -77,7 +78,7 @@ def place_command(
 
 
 def _form(placed: Placed, found: Feasibility) -> dict[str, Any]:
-    """Return the JSON form of a task's measurements."""
+    """Return a task's measurements as a JSON-serializable dict."""
     return {"task": placed.task.id, "base_m": list(placed.base_m), "outside": list(placed.outside), **asdict(found)}
 
 

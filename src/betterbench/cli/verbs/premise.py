@@ -25,10 +25,11 @@ def premise_command(
 ) -> None:
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
-    The objects settle as at the beginning of a run. LIBERO then evaluates every relation in the task file between an
-    object named in the instruction and another object. An update of the simulator can break scenes, so repeat this
-    check after each update. A task takes about half a minute; the same command resumes. In LIBERO-Plus, each new layout
-    and initial robot pose has one initial state, which is checked in a few seconds if its assets are installed.
+    The objects settle as at the beginning of a run. LIBERO then evaluates each relation in the task file that connects
+    an object named in the instruction to another object. An update of the simulator can break scenes, so repeat this
+    check after each update. A task takes about half a minute. Running the command again resumes the job where it
+    stopped. In LIBERO-Plus, each new layout and initial robot pose has one initial state, which is checked in a few
+    seconds if its assets are installed.
 
     Example: better premise libero --suites libero_spatial
 
@@ -51,7 +52,7 @@ def premise_command(
             raise InvalidInputError(
                 "--suites",
                 f"{name} is not a suite of the world {world}",
-                "Give suites of this world, or choose the other world",
+                "Pass suites of this world, or choose the other world",
             )
     path = out or Path(f"premises-{world}.jsonl")
     found: list[PremiseEntry] = []

@@ -22,11 +22,11 @@ def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metav
 
     status shows the progress and the next trial.
 
-    judge shows the videos to another person, who does not know condition and policy.
+    judge shows the videos to another person, without the condition and the policy.
 
     report writes both diagnostic matrices, with labels, evidence and agreement between people.
 
-    better real COMMAND --help explains a command.
+    Use `better real COMMAND --help` to see the options of a command.
 
     Example: better real plan --out bench --policies ours=openpi://127.0.0.1:8000 base=lerobot:checkpoint
 

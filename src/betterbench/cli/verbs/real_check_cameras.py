@@ -28,24 +28,24 @@ def check_cameras_command(
 ) -> None:
     """Measure the pose of the real front camera from the marker sheet, and print the required correction.
 
-    Print the sheet that better real sheet writes, and lay it on the table. The pose and the field of view of the camera
-    are computed from the markers on the sheet, and compared with the front camera in the simulated twin of the scene.
-    The exit status is 1 if the pose differs by more than 1 cm or 1 degree.
+    Print the sheet that `better real sheet` writes, and lay it on the table. The pose and the field of view of the
+    camera are computed from the markers on the sheet, and compared with the front camera in the simulated twin of the
+    scene. The exit status is 1 if the pose differs by more than 1 cm or 1 degree.
 
-    Give an image, or --camera for the live camera. The image must have the size that better real run uses, because the
-    field of view of a camera can depend on the image size.
+    Pass an image file, or use --camera for the live camera. The image must have the size that `better real run` uses,
+    because the field of view of a camera can depend on the image size.
 
     Example: better real check-cameras --camera 0 --ruler-mm 100
 
     Args:
         images: Image of the front camera, PNG or JPEG.
         ruler_mm: Measured length of the printed 100 mm ruler in millimeters.
-        camera: Index or path of the live camera, as in better real run.
+        camera: Index or path of the live camera, as in `better real run`.
         camera_size: Width and height of the images in pixels.
         fovy_deg: Vertical field of view of the camera in degrees; by default it is measured as well.
         out: PNG or JPEG file to write: the image with the detected markers, and with the positions at which the
             simulated camera would see them.
-        overwrite: Replace a file that better real check-cameras did not write.
+        overwrite: Replace a file that `better real check-cameras` did not write.
         json: Print one JSON document.
     """
     from betterbench.cli.output.picture_file import picture_file
@@ -57,7 +57,7 @@ def check_cameras_command(
         require_between("--camera-size", pixels, 120, 4096)
     if len(images) + bool(camera) != 1:
         problem = f"{len(images)} images and {'a' if camera else 'no'} camera are given"
-        raise InvalidInputError("check-cameras", problem, "Give either one image file or --camera 0")
+        raise InvalidInputError("check-cameras", problem, "Pass either one image file or --camera 0")
     image = live_image(camera, camera_size) if camera else image_of(images[0])
     found = measure_camera(image, ruler_mm=ruler_mm, fovy_deg=fovy_deg)
     twin = twin_camera()

@@ -21,19 +21,20 @@ def judge_command(
     """Judge the videos of a protocol in the browser, with one key for each behavior.
 
     The page shows the videos of finished trials in a random order, with the instruction and the definitions of the
-    behaviors. It does not show the condition, the policy, or the entries of other people. The same command resumes
-    where it stopped. The operator of a protocol cannot judge it. With two judges, better real report computes how far
-    they agree.
+    behaviors. It does not show the condition, the policy, or the entries of other people. Running the command again
+    continues where you stopped. The operator of a protocol cannot judge it. With two judges, `better real report`
+    computes how well they agree.
 
-    The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
-    The printed address contains a token that every request needs.
+    By default, the page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
+    8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the page.
 
     Example: better real judge bench --person ada
 
     Args:
         folder: Folder of the protocol.
         person: Name of the judge; default: the user name.
-        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        host: Network interface to listen on. With 0.0.0.0, other machines can open the page, but its access token is
+            sent unencrypted.
         port: Port to listen on; 0 for any free port.
     """
     from betterbench.cli.verbs.serve import stopped_by_signal

@@ -33,7 +33,8 @@ def plan_command(
 
     Args:
         out: Folder of the protocol.
-        policies: Policies as NAME=ADDRESS; their actions must be joint positions of the SO-101 in --unit.
+        policies: Policies as NAME=ADDRESS; their actions must be joint positions of the SO-101 in the unit set by
+            --unit.
         task: Task of the suite.
         conditions: Conditions of the task; default: one condition for each cell of the task's diagnostic matrices.
         trials: Number of trials per condition and policy.

@@ -21,10 +21,10 @@ def report_command(
 ) -> None:
     """Write the report on a protocol: diagnostic matrices of each policy, labels with evidence, and agreement.
 
-    Labels are based on joint states and on the judgments of videos. A trial is unscored if neither of them decides, or
-    if the files of the trial have changed. Judgments that contradict the joint states are listed. With --sim, each cell
-    is compared with a run of the same policy on the simulated twin. The report shows conditions and policies: do not
-    show it to judges before they have finished.
+    Labels are based on joint states and on the judgments of videos. A trial is unscored if neither of them determines a
+    label, or if the files of the trial have changed. Judgments that contradict the joint states are listed. With --sim,
+    each cell is compared with a run of the same policy on the simulated twin. The report shows conditions and policies:
+    do not show it to judges before they have finished.
 
     Example: better real report bench --sim runs/ours_on_the_twin
 
@@ -32,7 +32,7 @@ def report_command(
         folder: Folder of the protocol.
         sim: Run of one of the policies on the simulated twin; may be given several times.
         out: HTML file; FOLDER/report/index.html if not given.
-        overwrite: Replace a file that better real report did not write.
+        overwrite: Replace a file that `better real report` did not write.
         json: Print one JSON document instead of writing a page.
     """
     from betterbench.jobs.outputs import OutputFile

@@ -51,11 +51,11 @@ def run_command(
 
     The page shows the planned position of each object as an overlay on the image of the front camera, and checks
     whether the scene matches. The arm moves only while it is switched on, and only within the safety limits; the space
-    key stops it. Stopped and interrupted trials are repeated. The same command resumes where it stopped. Keys also work
-    in the terminal. With --no-page, they work only there.
+    key stops it. Stopped and interrupted trials are repeated. Running the command again continues where it stopped.
+    Keys also work in the terminal. With --no-page, they work only there.
 
-    The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
-    The printed address contains a token that every request needs.
+    By default, the page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
+    8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the page.
 
     Example: better real run bench --arm-port /dev/ttyACM0 --cameras front=0 wrist=2
 
@@ -68,12 +68,13 @@ def run_command(
         camera_size: Width and height of the images in pixels.
         camera_rate_hz: Frame rate of the cameras.
         limits: JSON file with non-default safety limits, such as {"speed_rad_s": 1.0}.
-        repeat: Codes of trials to repeat because their files are damaged, as listed by better real report; the damaged
-            files are kept in FOLDER/aborted.
+        repeat: Codes of trials to repeat because their files are damaged, as listed by `better real report`; the
+            damaged files are kept in FOLDER/aborted.
         mock_faults: Simulated faults of the mock arm as NAME=VALUE, such as stalled=elbow_flex after_s=1.
         author: Name of the operator; default: the user name.
         page: Show the page in the browser.
-        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        host: Network interface to listen on. With 0.0.0.0, other machines can open the page, but its access token is
+            sent unencrypted.
         port: Port to listen on; 0 for any free port.
     """
     from betterbench.cli.verbs.serve import stopped_by_signal
@@ -91,7 +92,7 @@ def run_command(
     else:
         if mock_faults:
             raise InvalidInputError(
-                "--mock-faults", "they apply only to the mock arm", "Leave out --mock-faults, or give --robot mock"
+                "--mock-faults", "they apply only to the mock arm", "Leave out --mock-faults, or use --robot mock"
             )
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
     if repeat:
@@ -123,10 +124,10 @@ def _tell(text: str) -> None:
 
 
 def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    """Parse texts of the form NAME=VALUE into a mapping.
+    """Parse strings of the form NAME=VALUE into a mapping.
 
     Raises:
-        InvalidInputError: If a text has another form, or a name is given twice.
+        InvalidInputError: If a string has a different form, or a name occurs twice.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -173,7 +174,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
                 raise InvalidInputError(
                     "--mock-faults", f"{value!r} is not a valid value for {name}", "Use a number"
                 ) from None
-    made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
+    made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Use a different value")
     names = tuple(text.partition("=")[0] for text in cameras)
     return MockRobot(plan, faults=made, cameras=names, size=size)
 
@@ -187,8 +188,8 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 
     if path is None:
         return None
-    raw = read_bounded(path, max_bytes=1 << 16, cure="Give a JSON file")
-    return read_form(TypeAdapter(SafetyLimits), raw, where=str(path), cure="Give another value")
+    raw = read_bounded(path, max_bytes=1 << 16, cure="Use a JSON file")
+    return read_form(TypeAdapter(SafetyLimits), raw, where=str(path), cure="Use a different value")
 
 
 @contextmanager
@@ -216,7 +217,7 @@ def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bo
 
 
 def _obey_lines(session: RealSession, stopped: threading.Event) -> None:
-    """Execute the lines of standard input. A line consists of a key, which a space and a note may follow."""
+    """Execute each line of standard input as a key. The key may be followed by a space and a note."""
     for line in sys.stdin:
         key, _, note = line.rstrip("\n").partition(" ")
         if line.startswith(" "):

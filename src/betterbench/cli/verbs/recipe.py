@@ -29,22 +29,23 @@ def recipe_command(
 ) -> None:
     """Write the configuration and commands to train pi0.5, GR00T, Being-H or a LeRobot policy with a recipe.
 
-    The recipe is one of the paper's (better, libero, calvin, real_arm) or your own file. The output folder contains the
-    configuration, the commands in order up to the evaluation, and the source of each field. If the data set of better
-    export exists on this machine, it is checked.
+    Use one of the recipes from the BeTTER paper (better, libero, calvin, real_arm) or your own file. The output folder
+    contains the configuration, all commands from the training to the evaluation, and a table that states where each
+    value comes from. If the data set written by `better export` is on this machine, it is checked.
 
     Example: better recipe openpi --data sets/pi --out recipes/pi
 
     Args:
         framework: Training framework.
-        recipe: Name of a recipe from the paper, or a YAML file.
+        recipe: Name of a recipe from the BeTTER paper, or a YAML file.
         data: Folder of the data set, here or on the training machine; several for Being-H.
         out: Folder to write; if not given, the fields are printed.
         gpus: Number of GPUs; by default 4, and 1 for real_arm.
         weights: Initial weights; default: the framework's published weights.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
         sample_tokens: Number of tokens per sample; Being-H uses it to pack its sequences.
-        overwrite: Write to a folder that better recipe did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better recipe` did not make, and replace files with the same names
+            there.
         json: Print one JSON document instead of a table.
     """
     from betterbench.demonstrations.recipes import setup_files, trainer_setup, write_setup

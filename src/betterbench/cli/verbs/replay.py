@@ -42,7 +42,7 @@ def replay_command(
         out: Video file to write; a file in the run folder if not given.
         camera: Camera of the video.
         size: Side length of the video in pixels, or of each half with --twin; default 512, or 384 with --twin.
-        overwrite: Replace a file that better replay did not write.
+        overwrite: Replace a file that `better replay` did not write.
         json: Print the result of --check as one JSON document.
     """
     from betterbench.evaluation import check_record
@@ -87,7 +87,7 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     if run is None or Path(os.path.realpath(run.record_path(meta.task, meta.condition, meta.seed))) != place:
         trial = one_line(f"{meta.task}/{meta.condition}/{meta.seed}")
         raise RecordError(
-            f"{record}: the record is not in its run folder, which contains the scene. Give the path in that folder, "
+            f"{record}: the record is not in its run folder, which contains the scene. Pass the path in that folder, "
             f"or move the record back to RUN/records/{trial}.parquet."
         )
     return run, meta

@@ -33,7 +33,8 @@ def report_command(
         out: Report folder; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Maximum number of trials shown as videos; other failures are shown as one image. 0 renders nothing.
-        overwrite: Write to a folder that better report did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better report` did not make, and replace files with the same names
+            there.
     """
     from betterbench.api.report import report_into
     from betterbench.cli.output.page import LISTENER, print_verdicts

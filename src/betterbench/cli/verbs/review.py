@@ -31,11 +31,12 @@ def review_command(
 ) -> None:
     """Review imported meshes or scenes in the browser: correct poses, grasps and slots, accept or reject.
 
-    The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose,
-    size, support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift.
-    Every decision is appended to the file --out, which a task file applies with imported(..., review=FILE). The same
-    command resumes where it was stopped. The command listens on this machine only: from elsewhere, forward the port
-    (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
+    The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose, size,
+    support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift. Every
+    decision is appended to the file --out, which a task file applies with imported(..., review=FILE). Running the
+    command again continues where you stopped. By default, the page can only be opened on this machine. To open it on
+    another machine, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access
+    token of the page.
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
     --tasks, --suite or --task-file, one condition at a time. Slots and placement frames can be moved, and a key
@@ -52,9 +53,10 @@ def review_command(
         author: Reviewer name in the file; default: the user name.
         out: File to which decisions are appended, by default reviews.jsonl, for scenes scene_reviews.jsonl; with
             apply, the folder to write.
-        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        host: Network interface to listen on. With 0.0.0.0, other machines can open the page, but its access token is
+            sent unencrypted.
         port: Port to listen on; 0 for any free port.
-        overwrite: With apply: replace files that better review did not write.
+        overwrite: With apply: replace files that `better review` did not write.
         json: With agree: print one JSON document.
     """
     word = str(given[0]) if given else ""
@@ -62,19 +64,21 @@ def review_command(
         _agree(given[1:], json=json)
         return
     if json:
-        raise InvalidInputError("--json", "it applies only to better review agree", "Leave out --json")
+        raise InvalidInputError("--json", "this option applies only to `better review agree`", "Leave out --json")
     if word == "apply":
         _apply(given[1:], out, overwrite=overwrite)
         return
     if word == "scenes":
         if given[1:]:
             problem = f"unexpected argument {given[1]}"
-            raise InvalidInputError("review scenes", problem, "Give tasks with --tasks")
+            raise InvalidInputError("review scenes", problem, "Pass tasks with --tasks")
         _review_scenes(tasks, author, out or Path("scene_reviews.jsonl"), host=host, port=port)
         return
     if tasks:
         problem = "the review of objects does not use tasks"
-        raise InvalidInputError("--tasks, --suite", problem, "Review scenes: better review scenes --tasks TASK")
+        raise InvalidInputError(
+            "--tasks, --suite", problem, "To review scenes, run `better review scenes --tasks TASK`"
+        )
     _review_objects(given, author, out or Path("reviews.jsonl"), host=host, port=port)
 
 
@@ -131,7 +135,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no asset folder was given", "Give the folder with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder was given", "Pass the folder with --asset-dir")
     return folders
 
 
@@ -161,7 +165,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
     if len(files) != 1 or out is None:
         problem = "no folder is given" if len(files) == 1 else f"{len(files)} review files are given"
         raise InvalidInputError(
-            "review apply", problem, "Write, for example, better review apply reviews.jsonl --out DIR"
+            "review apply", problem, "Write, for example, `better review apply reviews.jsonl --out DIR`"
         )
     (file,) = files
     if not is_scene_review(file):
@@ -189,12 +193,14 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
-    """Print how far two reviews agree."""
+    """Print how well two reviews agree."""
     from betterbench.review.agreement import agreement
 
     if len(files) != 2:
         problem = f"{len(files)} files are given"
-        raise InvalidInputError("review agree", problem, "Write, for example, better review agree ada.jsonl bob.jsonl")
+        raise InvalidInputError(
+            "review agree", problem, "Write, for example, `better review agree ada.jsonl bob.jsonl`"
+        )
     found = agreement(*files)
     if json:
         print_json(found.to_json())

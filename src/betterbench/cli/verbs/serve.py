@@ -41,13 +41,13 @@ def serve_command(
     """Serve a policy over the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
 
     An expert needs privileged state, so the server runs a shadow simulation of its client's scene. Clients of
-    betterbench send the name of their trial. For other clients, --task, --condition and --seed give the trial; without
-    --task, the first training condition whose instruction equals the client's prompt is used.
+    betterbench send the name of their trial. For other clients, --task, --condition and --seed specify the trial.
+    Without --task, the first training condition whose instruction equals the client's prompt is used.
 
     Example: better serve expert --port 8000
 
     Args:
-        policy: Policy address (see better list policies).
+        policy: Policy address (see `better list policies`).
         host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free port.
         chunk: Number of actions per expert answer; default 8.
@@ -114,7 +114,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
-                raise InvalidInputError(option, "it applies only with --task", "Add --task TASK")
+                raise InvalidInputError(option, "this option applies only with --task", "Add --task TASK")
         return None
     from betterbench.evaluation import named_trial
 

@@ -35,12 +35,13 @@ def shortcuts_command(
 ) -> None:
     """Find shortcuts in demonstrations: words or objects that predict positions, steps or targets better than chance.
 
-    For a run, the initial position of each object, the order of picks and placements, and the variety of the
-    demonstrations are taken from the recorded states. For a LeRobot dataset (2.0 to 3.0), instructions, actions and
-    proprioception are read. Words, word pairs and complete instructions are tested against four facts: where the
-    gripper first closes, where it last opens, its first direction, and the order of its targets. The command first
-    prints the columns that it uses. If it cannot infer them from their names, give --instruction, --gripper, --place
-    and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
+    If DATA is a run, the initial object positions, the order of picks and placements, and the variety of the
+    demonstrations are read from the recorded states. If it is a LeRobot dataset (2.0 to 3.0), instructions, actions and
+    proprioception are read. The audit checks whether words, word pairs or complete instructions predict where the
+    gripper first closes, where it last opens, in which direction it first moves, or in which order it visits its
+    targets. The command first prints the columns that it uses. If it cannot infer them from their names, use
+    --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole
+    column).
 
     For runs, each rule is compared with the variations. A variation that breaks a rule distinguishes a policy that
     follows the instruction from a policy that follows the rule. The result is a prediction: the variations ranked by
@@ -60,7 +61,8 @@ def shortcuts_command(
         seed: Seed for the sample of episodes that is drawn if the dataset has more than 5,000.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
-        overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
+        overwrite: Write even to a folder that `better shortcuts` did not make, and replace files with the same names
+            there.
         json: Print the audit as one JSON document.
     """
     from betterbench.jobs.outputs import OutputFolder
@@ -102,7 +104,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return the facts about the demonstrations, the shortcut audit, and the prediction for the variations."""
+    """Return what is known about the demonstrations, the shortcut audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -114,7 +116,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts about the demonstrations, the hash of the set, and a description of how the data were read.
+    """Return what is known about each demonstration, the hash of the set, and how the data were read.
 
     For a LeRobot dataset, the hash is an empty string.
     """
@@ -129,10 +131,10 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     folder = _run_in(data)
     if not (folder / "run.json").exists():
         problem = "the folder is neither a run nor a LeRobot dataset"
-        raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
+        raise InvalidInputError(str(data), problem, "Pass a folder with run.json, or with meta/info.json")
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
-            problem = f"applies only to LeRobot datasets, and {data} is a run"
+            problem = f"this option applies only to LeRobot datasets, and {data} is a run"
             raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave out this option")
     run = RunFolder.open(folder)
     entries = list(run.entries())
@@ -146,12 +148,15 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
 
 
 def _run_in(data: Path) -> Path:
-    """Return the run folder inside a folder written by better dataset. Any other folder is returned unchanged."""
+    """Return the run folder inside a folder written by `better dataset`. Any other folder is returned unchanged."""
     return data / "demonstrations" if (data / "recipe.json").exists() else data
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return how much the demonstrations of a run differ from each other, by task. Empty for a LeRobot dataset."""
+    """Return how much the demonstrations of a run differ from each other, by task.
+
+    Return an empty result for a LeRobot dataset.
+    """
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 
@@ -188,7 +193,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 def _tell_asked(group: GroupAudit) -> None:
     """Print which questions the audit tested for a group of demonstrations, and which it could not test.
 
-    Rules that only reflect the meaning of words are printed too, marked as not being shortcuts.
+    Rules that only reflect the meaning of words are printed too, with a note that they are not shortcuts.
     """
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 

@@ -25,12 +25,13 @@ def show_command(
     Example: better show fast_food/T1 --out t1.png
 
     Args:
-        what: TASK to draw its training conditions, or TASK/VARIATION to draw a test scene.
+        what: TASK draws the training conditions of a task; TASK/VARIATION draws a test scene next to its training
+            scene.
         out: PNG or JPEG file to write.
         seed: Seed of both scenes.
         size: Side length of each image in pixels.
         arm: Option that selects the robot.
-        overwrite: Replace a file that better show did not write.
+        overwrite: Replace a file that `better show` did not write.
     """
     from betterbench.cli.output.picture_file import picture_file
     from betterbench.evaluation import show_comparison, show_training

@@ -34,8 +34,8 @@ def study_command(
 
     For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
     training conditions and all variations, and diagnosed. study.html shows each illusion gap, the part of it that
-    balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command resumes,
-    also with a larger plan.
+    balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work. Running the command again
+    resumes the job where it stopped, even with a larger plan.
 
     Example: better study --preset small --out studies/small
 
@@ -44,12 +44,12 @@ def study_command(
         out: Study folder.
         preset: Name of a built-in plan, instead of a file: small (half an hour on two cores), full, levers, doses or
             diverse (hours).
-        suite: Packaged suite, or folder with a suite in JSON, whose tasks replace those of the plan.
+        suite: Packaged suite, or folder with a suite in JSON. Its tasks replace those of the plan.
         workers: Number of worker processes for demonstrations and trials; default: one per CPU core.
         device: Torch device for training: cpu, cuda or cuda:N.
-        certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
+        certificate: Certificate written by `better certify`, or its folder; default: the certificate shipped with the
             suite.
-        overwrite: Write to a folder that better study did not make, and replace files of the same names there.
+        overwrite: Write even to a folder that `better study` did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.
     """
     chosen = _plan(plan, preset, suite)
@@ -77,7 +77,7 @@ def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan
 
     if (file is None) == (preset is None):
         raise InvalidInputError(
-            "the plan", "expected exactly one plan", "Give either a YAML file or a preset, such as --preset small"
+            "the plan", "expected exactly one plan", "Pass either a YAML file or a preset, such as --preset small"
         )
     tasks = {} if suite is None else {"tasks": list(suite_tasks(suite))}
     if file is not None:

@@ -38,11 +38,12 @@ def teleop_command(
     The page shows the scene, the camera images, the instruction and the subgoals. The gripper follows the gizmo, keys,
     a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Motions can be undone up to
     the last subgoal. Only saved demonstrations are written, as ordinary records with segments and the name of the
-    demonstrator. Ctrl-C keeps saved demonstrations; the same command resumes, and a larger --demos adds more
-    demonstrations.
+    demonstrator. Ctrl-C keeps saved demonstrations. Running the command again resumes the job where it stopped; a
+    larger --demos adds more demonstrations.
 
-    The command needs no display. It listens on this machine only: from elsewhere, forward the port (ssh -L
-    8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
+    The command needs no display. By default, the page can only be opened on this machine. To open it on another
+    machine, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the
+    page.
 
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
 
@@ -53,7 +54,8 @@ def teleop_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
         name: Demonstrator name in the records; default: the user name.
-        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        host: Network interface to listen on. With 0.0.0.0, other machines can open the page, but its access token is
+            sent unencrypted.
         port: Port to listen on; 0 for any free port.
         cameras: Cameras whose images are shown; no images with --cameras none.
         devices: Gamepads and SpaceMice of this machine: auto, none, or a device file (/dev/input/event5).

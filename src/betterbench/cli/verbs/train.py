@@ -34,8 +34,8 @@ def train_command(
     """Train a small learner on demonstrations; evaluate it afterwards with the policy address learned:OUT.
 
     The folder OUT contains checkpoint.safetensors (with the recipe in its metadata), and tables and curves of the loss,
-    validation errors and rollouts. The same command resumes an interrupted training and reaches the same weights. Start
-    the command with torchrun to train on several devices.
+    validation errors and rollouts. Running the command again resumes an interrupted training and gives the same
+    weights. Start the command with torchrun to train on several devices.
 
     Example: better train recipe.yaml --out learners/coffee
 
@@ -163,7 +163,8 @@ def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
     Args:
         out: Folder of the learner.
         tasks: Names of the tasks.
-        options: Command-line options, with a leading space, that load the file that defines the learner's family.
+        options: Command-line options, with a leading space, for loading the file in which the learner's family is
+            defined.
     """
     from betterbench.cli.robot_option import USUAL_OPTION
     from betterbench.interface.actions import EE_DELTA

@@ -38,10 +38,10 @@ def view_command(
     Args:
         record: Record file in the folder of its run.
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
-        camera: View to render, in the syntax of better materialize; may be given several times. Default: the views of
+        camera: View to render, in the syntax of `better materialize`; may be given several times. Default: the views of
             the run's policy.
         quality: Render preset; default: the preset used for the policy.
-        overwrite: Replace a file that better view did not write.
+        overwrite: Replace a file that `better view` did not write.
     """
     from betterbench.cli.verbs.replay import run_of
     from betterbench.jobs.outputs import OutputFile

@@ -62,9 +62,9 @@ def vlm_command(
     """Evaluate a vision-language model on a static benchmark.
 
     The benchmarks are better-vqa (questions about recorded frames of this suite, no download), embspatial, refspatial
-    and egoplan2. better vlm fetch BENCHMARK downloads the data, or lists the files to download and their location.
-    Every item is scored: a missing or unreadable answer counts as wrong. The same command resumes an interrupted run
-    without repeating requests.
+    and egoplan2. `better vlm fetch BENCHMARK` downloads the data, or lists the files to download and where to find
+    them. Every item is scored: a missing or unreadable answer counts as wrong. Running the command again resumes an
+    interrupted run without repeating requests.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
@@ -73,10 +73,11 @@ def vlm_command(
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
         model: OpenAI-compatible chat endpoint and model name, such as http://localhost:8000/v1#my-model; hf:FOLDER
             with an InternVL checkpoint (extra vlm); or learned:CHECKPOINT, a co-trained learner.
-        data: Folder of the data in any published format; for better-vqa, a set made by better vqa (default: a new set).
+        data: Folder of the data in any published format; for better-vqa, a set made by `better vqa` (default: a new
+            set).
         records: For a learner: the run from which the questions were made; the learner gets the recorded state of each
             frame.
-        acted: Run of a policy whose illusion gap is shown next to the static illusion gap of better-vqa.
+        acted: Run of a policy. Its illusion gap is shown next to the static illusion gap of better-vqa.
         out: Folder of the run.
         prompt: Identifier of the prompt; default: betterbench's prompt.
         coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
@@ -92,7 +93,8 @@ def vlm_command(
         questions: Approximate number of questions in a newly made set.
         at_once: Number of simultaneous requests.
         max_tokens: Maximum answer length in tokens.
-        price_in: Price of a million tokens of prompts and images, in any currency; with --price-out for the cost.
+        price_in: Price of a million tokens of prompts and images, in any currency. With --price-out, the cost of the
+            run is printed.
         price_out: Price of a million tokens of answers.
         cache: Reuse cached replies to identical requests, also from other runs; --no-cache sends all requests.
         workers: Number of worker processes that make a question set.
@@ -107,12 +109,14 @@ def vlm_command(
         return
     if fetched is not None:
         raise InvalidInputError(
-            "better vlm", f"unexpected argument {fetched!r}", "Give one benchmark, or fetch BENCHMARK"
+            "better vlm", f"unexpected argument {fetched!r}", "Pass one benchmark, or fetch BENCHMARK"
         )
     chosen = None if benchmark == PROBE else find_benchmark(benchmark)
     if model is None:
         raise InvalidInputError(
-            "--model", "is missing", "Give an endpoint as URL#MODEL, for example http://localhost:8000/v1#my-model"
+            "--model",
+            "this option is required",
+            "Pass an endpoint as URL#MODEL, for example http://localhost:8000/v1#my-model",
         )
 
     from betterbench.learning.training.model_kind import LEARNER_MODEL
@@ -125,7 +129,7 @@ def vlm_command(
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError(
-            "--max-tiles", f"--eyes {eyes} uses one tile per image", "Leave out --max-tiles, or give --eyes native"
+            "--max-tiles", f"--eyes {eyes} uses one tile per image", "Leave out --max-tiles, or use --eyes native"
         )
     kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
     options = ModelOptions(
@@ -150,7 +154,7 @@ def vlm_command(
         _probe(kind.make(options, None), out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
     if out is None:
-        raise InvalidInputError("--out", "is missing", "Give the run folder")
+        raise InvalidInputError("--out", "this option is required", "Pass the run folder")
 
     from betterbench.cli.output.vlm import acted_form, print_run
     from betterbench.vlm.prompts import find_prompt
@@ -195,7 +199,9 @@ def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
         return None
     if price_in is None or price_out is None:
         missing = "--price-in" if price_in is None else "--price-out"
-        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or leave out both")
+        raise InvalidInputError(
+            missing, "this price is missing", "Pass both prices per million tokens, or leave out both"
+        )
     return Prices(price_in, price_out)
 
 
@@ -238,8 +244,8 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
     """Return the items of a benchmark. If no data folder is given, make a new question set."""
     if data is None:
         if chosen.source.repository:
-            cure = f"Give the folder with its data; better vlm fetch {chosen.name} explains what it must contain"
-            raise InvalidInputError("--data", "is missing", cure)
+            cure = f"Pass the folder with its data; `better vlm fetch {chosen.name}` explains what it must contain"
+            raise InvalidInputError("--data", "this option is required", cure)
         data = _made(questions, workers)
     elif not chosen.source.repository:
         say(f"set: {data}")
@@ -274,17 +280,17 @@ def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
 
     if name is None:
         raise InvalidInputError(
-            "better vlm fetch", "no benchmark was given", "Run better vlm fetch BENCHMARK --data DIR"
+            "better vlm fetch", "no benchmark was given", "Run `better vlm fetch BENCHMARK --data DIR`"
         )
     chosen = find_benchmark(name)
     from betterbench.cli.output.vlm import print_source
     from betterbench.vlm.fetching import fetch_data
 
     if not chosen.source.repository:
-        raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run better vlm {chosen.name}")
+        raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run `better vlm {chosen.name}`")
     if folder is None:
         print_source(chosen)
-        raise InvalidInputError("--data", "is missing", "Give the folder for the data")
+        raise InvalidInputError("--data", "this option is required", "Pass the folder for the data")
     with progress_bar(f"data of {chosen.name}", 0) as (bar, task):
         fetched = fetch_data(
             chosen, folder, on_progress=lambda done, total: bar.update(task, completed=done, total=total or None)

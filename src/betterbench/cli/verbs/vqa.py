@@ -114,9 +114,9 @@ def vqa_command(
     """Make questions about the frames of a run, with answers from the records of the run.
 
     The questions ask for bounding boxes, counts, relations, containment, stacks, states, progress and presence of
-    objects. They are balanced, so that guessing without the images does not help, and written with the images as JSON
-    lines in the conversation format of LLaVA and as Parquet. With --run, the questions are about the decisive moments
-    of the run's trials, for better diagnose --answers. The same command resumes an interrupted set.
+    objects. They are balanced, so that guessing without the images does not help. Questions and images are written as
+    JSON lines in the conversation format of LLaVA, and as Parquet. With --run, the questions are about the decisive
+    moments of the run's trials, for `better diagnose --answers`. Running the command again resumes an interrupted set.
 
     Example: better vqa runs/expert --out sets/expert --questions 10000
 
@@ -128,7 +128,7 @@ def vqa_command(
         asked: Options that select the frames, cameras and types of the questions.
         chat: Model that answers the set.
         workers: Number of trials processed in parallel.
-        overwrite: Replace a file of answers or descriptions that better vqa did not write.
+        overwrite: Replace a file of answers or descriptions that `better vqa` did not write.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.vqa import print_scores, print_set
@@ -158,7 +158,7 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the question set, and the folder of the run that it is about if this folder is known.
+    """Return the question set and, if it is known, the folder of the run that the questions are about.
 
     If the set does not exist yet, it is made first.
     """
@@ -167,17 +167,17 @@ def _made(
 
     if source is not None and run is not None:
         raise InvalidInputError(
-            "better vqa", "expected one folder, got two", "Give either the folder of a run or set, or --run RUN"
+            "better vqa", "expected one folder, got two", "Pass either the folder of a run or set, or --run RUN"
         )
     folder = run if source is None else source
     if folder is None:
-        raise InvalidInputError("better vqa", "no folder is given", "Give the folder of a run or set, or add --run RUN")
+        raise InvalidInputError("better vqa", "no folder is given", "Pass the folder of a run or set, or add --run RUN")
     if not folder.is_dir():
-        raise InvalidInputError("better vqa", f"{folder} is not a folder", "Give the folder of a run or of a set")
+        raise InvalidInputError("better vqa", f"{folder} is not a folder", "Pass the folder of a run or of a set")
     if run is None and (folder / "set.json").exists():
         return read_set(folder), None
     if out is None:
-        raise InvalidInputError("--out", "is missing", "Give the folder for the set")
+        raise InvalidInputError("--out", "this option is required", "Pass the folder for the set")
     require_cameras(asked.cameras)
     return (balanced_set(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
 
@@ -222,11 +222,11 @@ def _ask_learner(
 
     if run is None or source is not None:
         raise InvalidInputError(
-            "--learner", "no run of this learner is given", "Give the run with --run RUN, and no other folder"
+            "--learner", "no run of this learner is given", "Pass the run with --run RUN, and no other folder"
         )
     if out is not None:
         raise InvalidInputError(
-            "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or give --json"
+            "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or use --json"
         )
     if find_kind(address) is not LEARNED:
         raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {LEARNED.shown}")
@@ -302,7 +302,7 @@ def _described(
 
     if run is None or model.describe is None:
         raise InvalidInputError(
-            "--describe", "the records of the run are needed", "Give the run folder too: better vqa RUN --out SET"
+            "--describe", "the records of the run are needed", "Pass the run folder too: `better vqa RUN --out SET`"
         )
     folder = RunFolder.open(run)
     chat = ChatEndpoint(model.describe, model.model, key_variable=model.key_variable)

@@ -71,10 +71,10 @@ class LeRobotArm:
         """
         if not port:
             raise InvalidInputError(
-                "--arm-port", "the serial port of the arm is missing", "Give a port, such as /dev/ttyACM0"
+                "--arm-port", "the serial port of the arm is missing", "Pass a port, such as /dev/ttyACM0"
             )
         if not cameras:
-            raise InvalidInputError("--cameras", "no camera is given", "Give at least a front camera, such as front=0")
+            raise InvalidInputError("--cameras", "no camera is given", "Pass at least a front camera, such as front=0")
         self.cameras = tuple(cameras)
         self._port, self._id, self._unit = port, arm_id, unit
         self._sources, self._size, self._rate_hz = dict(cameras), size, rate_hz

@@ -41,7 +41,7 @@ class MockFaults:
 
     Attributes:
         latency_s: Age of every frame when it arrives [s].
-        drop_every: Number n such that every n-th frame is replaced by the previous frame; 0 to drop no frames.
+        drop_every: If this is n > 0, every n-th frame is dropped and replaced by the previous one; 0 drops no frames.
         unplugged: Name of the camera that is unplugged after ``after_s``; empty for no camera.
         stalled: Name of the motor that stalls after ``after_s``; empty for no motor.
         after_s: Time after the first command at which the faults unplugged, stalled and broken begin [s].
@@ -216,7 +216,7 @@ class MockRobot:
     def _look(self, now: float, *, faulty: bool) -> None:
         """Render a frame, unless the frame is to be dropped.
 
-        Frames whose latency has passed become the newest frames of the cameras.
+        When the latency of a frame has passed, the frame becomes the newest one of its camera.
         """
         self._reads += 1
         if not (self.faults.drop_every and self._reads % self.faults.drop_every == 0 and self._shown):

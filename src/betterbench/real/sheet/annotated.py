@@ -22,7 +22,7 @@ _LEGEND = (
 
 
 def annotated(image: np.ndarray, camera: MeasuredCamera, twin: CameraPose) -> Image.Image:
-    """Draw the found markers, the same markers as the simulated camera sees them, and the axes of the arm's base frame.
+    """Draw the detected markers, where the simulated camera would see them, and the axes of the arm's base frame.
 
     Args:
         image: Image (height, width, 3) uint8 RGB from which the camera was measured.

@@ -146,7 +146,7 @@ class CameraCorrection:
 
     @property
     def is_near(self) -> bool:
-        """Whether the camera is considered correctly placed."""
+        """Whether the camera is close enough to the pose of the simulated camera."""
         return self.distance_m <= NEAR_M and self.angle_deg <= NEAR_DEG
 
     @property
@@ -236,7 +236,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
     _require_ruler(ruler_mm)
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or min(image.shape[:2]) < 120:
         problem = f"has shape {image.shape} of {image.dtype}"
-        raise InvalidInputError("image", problem, "Give a color image of at least 120 pixels on each side")
+        raise InvalidInputError("image", problem, "Use a color image of at least 120 pixels on each side")
     gray = opencv().cvtColor(np.ascontiguousarray(image), opencv().COLOR_RGB2GRAY)
     found = _markers(gray)
     if len(found) < LEAST_MARKERS:
@@ -245,7 +245,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
     blur = float(np.median([_edge_width(gray, corners) for corners in found.values()]))
     if blur > MOST_BLUR_PX * unit:
         problem = f"the edges of the markers are {blur:.1f} pixels wide"
-        raise InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
+        raise InvalidInputError("image", problem, "Focus the camera, hold it still, and add light")
     _require_pages(found)
     shape, scale = (image.shape[0], image.shape[1]), ruler_mm / RULER_MM
     try:
@@ -258,7 +258,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
         except InvalidInputError:
             raise problem from None
         told = f"{fovy_deg:g} degrees do not match the image, which shows {seen:.1f}"
-        cure = "Leave out the option, or give the vertical field of view for this image size"
+        cure = "Leave out the option, or set it to the vertical field of view for this image size"
         raise InvalidInputError("--fovy-deg", told, cure) from problem
 
 
@@ -278,7 +278,7 @@ def _trusted(
     if abs(off - 1.0) > MOST_OTHER_SCALE:
         problem = "the markers are not arranged as on the overview page"
         raise InvalidInputError(
-            "sheet", problem, "Place each page as on the overview, edge to edge, with the printed side up"
+            "sheet", problem, "Place the pages edge to edge, as shown on the overview, with the printed side up"
         )
     if abs(off - 1.0) > MOST_MARKER_SCALE:
         problem = f"the markers have {100.0 * off:.1f} % of the size that their distances imply"
@@ -288,30 +288,32 @@ def _trusted(
         worst = max(residuals, key=lambda marker: residuals[marker])
         problem = f"the markers deviate by {camera.error_px:.1f} pixels, marker {worst} the most"
         cure = (
-            "Lay the pages edge to edge and flat, as on the overview, check both rulers of each page, and give the "
-            "camera's whole image"
+            "Lay the pages flat and edge to edge, as shown on the overview, check both rulers of each page, and use "
+            "the camera's whole image"
         )
         raise InvalidInputError("sheet", problem, cure)
     if camera.spread_m > MOST_SPREAD_M:
         problem = f"the position of the camera is uncertain by {100.0 * camera.spread_m:.1f} cm"
-        raise InvalidInputError("image", problem, "Show more markers to the camera, spread over more of the image")
+        raise InvalidInputError(
+            "image", problem, "Move the camera so that it sees more markers, spread over more of the image"
+        )
     return camera
 
 
 def _require_ruler(ruler_mm: float) -> None:
     """Raise InvalidInputError if the measured length of the printed ruler is not plausible.
 
-    This is the case if it is not a valid length, seems to have another unit, or shows that the sheet was scaled in
-    print.
+    This is the case if it is not a positive number, seems to be in a different unit, or shows that the sheet was scaled
+    by the printer.
     """
     if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
         return
     if not (math.isfinite(ruler_mm) and ruler_mm > 0.0):
-        cure = "Measure the printed ruler with a real one, and give its length in millimeters"
-        raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} is not a length", cure)
+        cure = "Measure the printed ruler with a real one, and pass its length in millimeters"
+        raise InvalidInputError("--ruler-mm", f"expected a positive length in millimeters, got {ruler_mm:g}", cure)
     for unit, factor in (("centimeters", 10.0), ("inches", 25.4), ("meters", 1000.0)):
         if abs(factor * ruler_mm / RULER_MM - 1.0) <= 0.1:
-            cure = f"Give the length in millimeters: {factor * ruler_mm:.1f}"
+            cure = f"Pass the length in millimeters: {factor * ruler_mm:.1f}"
             raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} seems to be in {unit}", cure)
     problem = f"the printed ruler is {ruler_mm:g} mm long instead of {RULER_MM:.0f}"
     raise InvalidInputError("--ruler-mm", problem, "Print the sheet again at 100 %, without fitting it to the page")
@@ -343,7 +345,7 @@ def _require_pages(found: dict[int, np.ndarray]) -> None:
             where = "" if other == page else f"is at the position of page {other}"
             told.append(f"page {page} {' and '.join(filter(None, (where, 'is turned around' if turned else '')))}")
     if told:
-        cure = "Arrange the pages as on the overview, seen from behind the arm"
+        cure = "Arrange the pages as shown on the overview, seen from behind the arm"
         raise InvalidInputError("sheet", "; ".join(told), cure)
 
 
@@ -353,7 +355,7 @@ def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return how well the markers of a page fit if this page lies at the place of another page.
+    """Return how badly the markers of a page fit if the page lies in the place of another page.
 
     The result is the largest distance of a marker corner from its expected position [mm].
     """
@@ -373,11 +375,13 @@ def opencv() -> Any:  # noqa: ANN401 - a module without types
     try:
         return importlib.import_module("cv2")
     except ImportError as problem:
-        raise missing_extra("Markers in images are found by OpenCV, which is not installed", "real") from problem
+        raise missing_extra(
+            "Finding the markers in an image requires OpenCV, which is not installed", "real"
+        ) from problem
 
 
 def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
-    """Find the markers of the sheet in an image, and return their (4, 2) corners [pixels] by marker number.
+    """Find the markers of the sheet in an image, and return the (4, 2) corners [pixels] of each, by marker number.
 
     Raises:
         InvalidInputError: If a marker occurs twice in the image.
@@ -396,7 +400,7 @@ def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
         if marker in found:
             problem = f"marker {marker} occurs twice in the image"
             raise InvalidInputError(
-                "image", problem, "Leave only one sheet on the table, and remove mirrors from the image"
+                "image", problem, "Leave only one sheet on the table, and remove mirrors from the view"
             )
         found[marker] = np.asarray(points, dtype=float).reshape(4, 2)
     return dict(sorted(found.items()))
@@ -413,14 +417,14 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
         )
     if gray.shape[1] < SMALL_PX:
         problem = f"{says}; with {gray.shape[1]} x {gray.shape[0]} pixels, it is too small for them"
-        return InvalidInputError("image", problem, "Give the image in the size of better real run, such as 640 x 480")
+        return InvalidInputError("image", problem, "Use the image size of `better real run`, such as 640 x 480")
     sharpest = _sharpest_edge(gray)
     if math.isinf(sharpest):
         cure = "Take the cap off the lens, and check light and exposure"
         return InvalidInputError("image", f"{says}; its brightness is nearly uniform", cure)
     if sharpest > MOST_BLUR_ANYWHERE_PX * gray.shape[1] / WIDTH_PX:
         problem = f"{says}; its sharpest edges are {sharpest:.0f} pixels wide, so it is blurred"
-        return InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
+        return InvalidInputError("image", problem, "Focus the camera, hold it still, and add light")
     cure = "Point the camera at the sheet, remove objects and shadows from it, and fold the arm"
     return InvalidInputError("image", says, cure)
 

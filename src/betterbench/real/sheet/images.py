@@ -27,7 +27,7 @@ def image_of(path: Path) -> np.ndarray:
     """
     from PIL import Image, ImageOps, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
 
-    data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Give an image of the front camera")
+    data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Use an image of the front camera")
     try:
         with warnings.catch_warnings():
             # disable Pillow's own limit, because the limit below is smaller
@@ -35,21 +35,23 @@ def image_of(path: Path) -> np.ndarray:
             opened = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
         with opened:
             if opened.width * opened.height > _MOST_PIXELS:
-                raise _too_large(path, f"has {opened.width} x {opened.height} pixels")
+                raise _too_large(path, f"the image has {opened.width} x {opened.height} pixels")
             upright = ImageOps.exif_transpose(opened)
             if upright.mode.startswith("I"):  # 16-bit images, which Pillow would clip at 255
                 values = np.asarray(upright, dtype=np.float32)
                 upright = Image.fromarray((values * (255.0 / max(1.0, float(values.max())))).astype(np.uint8))
             return np.asarray(upright.convert("RGB"))
     except Image.DecompressionBombError as problem:
-        raise _too_large(path, "has too many pixels") from problem
+        raise _too_large(path, "the image has too many pixels") from problem
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as problem:
-        raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give a PNG or JPEG image") from problem
+        raise InvalidInputError(
+            str(path), "the file cannot be read as PNG or JPEG", "Use a PNG or JPEG image"
+        ) from problem
 
 
 def _too_large(path: Path, problem: str) -> InvalidInputError:
     cure = (
-        f"Give an image of at most {_MOST_PIXELS // 1_000_000} million pixels, such as those that better real run uses"
+        f"Use an image of at most {_MOST_PIXELS // 1_000_000} million pixels, such as those that `better real run` uses"
     )
     return InvalidInputError(str(path), problem, cure)
 
@@ -75,10 +77,12 @@ def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
         capture.release()
     if frame is None:
         cure = "Check its plug and its index (lerobot-find-cameras opencv), and close programs that use it"
-        raise InvalidInputError(f"--camera {source}", "sends no frames", cure)
+        raise InvalidInputError(f"--camera {source}", "the camera sends no frames", cure)
     if frame.shape[:2] != (size[1], size[0]):
-        problem = f"sends images of {frame.shape[1]} x {frame.shape[0]} pixels instead of {size[0]} x {size[1]}"
+        problem = (
+            f"the camera sends images of {frame.shape[1]} x {frame.shape[0]} pixels instead of {size[0]} x {size[1]}"
+        )
         raise InvalidInputError(
-            f"--camera {source}", problem, "Give this size with --camera-size, both here and for better real run"
+            f"--camera {source}", problem, "Set this size with --camera-size, both here and for `better real run`"
         )
     return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))

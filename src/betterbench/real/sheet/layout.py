@@ -75,7 +75,7 @@ class Spot:
         name: Name of the slot.
         x: x coordinate of the slot's center [mm].
         y: y coordinate of the slot's center [mm].
-        radius: Radius of the jitter of the slot between trials [mm].
+        radius: Radius of the circle around this center in which the position of the object varies [mm].
     """
 
     name: str

@@ -41,7 +41,7 @@ _PALE, _SOFT = 0.82, 0.45
 class _Frame:
     """Placement of an area of the table on a page.
 
-    It consists of the position on the page of the area's far left corner, and of a scale.
+    It is given by the position of the area's far left corner on the page, and a scale.
     """
 
     area: Area
