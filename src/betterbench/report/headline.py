@@ -508,10 +508,10 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 
 
 def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
-    """Return a clause that names the axis on which a failure occurs, if nearly all of its trials are on one axis.
+    """Return a clause that describes the axis of nearly all variation trials with a failure, or "" if there is none.
 
-    The clause is only returned if Fisher's exact test confirms it, and if the failure is at most half as frequent in
-    training as on the axis.
+    The failure rate on this axis must differ significantly from the rate on the other axes (Fisher's exact test). The
+    failure rate in training must be at most half of the rate on this axis.
     """
     ended = [trial for trial in trials if trial.kind is not Kind.UNFINISHED]
     varied = [trial for trial in ended if trial.variation is not None]

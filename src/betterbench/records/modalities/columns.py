@@ -94,7 +94,7 @@ def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Convert rows to a Parquet table. Each column is given as an array (rows, *shape)."""
+    """Build a Parquet table. The values of each column are given as an array (rows, *shape)."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):

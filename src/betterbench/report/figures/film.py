@@ -123,9 +123,9 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
 
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
-    """Return all failed variation trials with a record.
+    """Return all failed variation trials that have a record.
 
-    The report shows their initial image with the path of the gripper.
+    For each of them, the report draws the path of the gripper over the initial image.
     """
     varied = [t for t in diagnosis.counted_trials if t.variation is not None and t.record is not None]
     return [t for t in varied if not t.success]

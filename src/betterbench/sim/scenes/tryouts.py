@@ -81,7 +81,7 @@ class _Trial:
         return _pose(self.data, name)
 
     def outcome(self, sentence: str, *, passed: bool) -> Tryout:
-        """Return the recorded motion together with a result."""
+        """Return the given result together with the motion recorded so far."""
         frames = {name: np.array(rows) for name, rows in self._frames.items()}
         gripper = {name.removeprefix(PREFIX): rows for name, rows in frames.items() if name != "asset"}
         return Tryout(passed, sentence, frames["asset"], gripper)

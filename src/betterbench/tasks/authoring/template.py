@@ -40,9 +40,9 @@ class Meta:
 
     Attributes:
         name: Identifier ("loose_packing").
-        title: Name for tables.
+        title: Name that is shown in tables.
         description: Instruction that the template's tasks follow.
-        challenge: Difficulty of the template (from the paper's table of the taxonomy).
+        challenge: What makes the tasks difficult, as given in the taxonomy table of the paper.
         goal: Condition that holds at the end of a successful episode.
         premise: Condition that holds at the start.
     """
