@@ -134,7 +134,7 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the success rate differs between all training trials and those behind the illusion gap."""
+        """Whether the training trials behind the illusion gap and all training trials differ in success rate."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
@@ -292,7 +292,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the same as :func:`_conclusion`, but based only on the failures in variation trials."""
+    """Return the result of :func:`_conclusion` for the failures in variation trials alone."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)

@@ -192,7 +192,7 @@ class Thresholds:
 
     @staticmethod
     def to_json() -> dict[str, float]:
-        """Return the values of all listed thresholds, by name."""
+        """Return the values of all listed thresholds, keyed by the name of the threshold."""
         return {entry.name: entry.value for entry in _TABLE.values() if entry.listed}
 
 

@@ -736,7 +736,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
     """Return whether each part in ``those`` matches a different part in ``these``, with at least one overlapping match.
 
-    Two parts match if they share a word or overlap (see :func:`~betterbench.demonstrations.shortcuts.words.overlapping`).
+    Two parts match if they share a word, or if a word of one part contains a word of the other (``overlapping``).
     """
     if len(those) > len(these):
         return False

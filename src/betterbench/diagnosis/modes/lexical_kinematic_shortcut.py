@@ -95,7 +95,7 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """If this attempt brings an object to the place where another object belongs, return the subgoal of that other object.
+    """Return the subgoal to whose target this attempt brings the object of another subgoal, or None.
 
     For example, a policy may mistake the mug for the mouse. If both must be moved and the order of the steps is free,
     picking up the mug does not reveal the mistake. It becomes visible when the policy brings the mug to the target of

@@ -48,7 +48,7 @@ def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return a chart of success on variations and on the training trials with the same seeds, grouped by task."""
+    """Return a chart of success on variations and on the training trials with the same seeds, by task."""
     names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
     groups = (_pairs(diagnoses, task_title(name), name) for name in names)
     return Chart(

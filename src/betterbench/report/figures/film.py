@@ -153,7 +153,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
     """Choose the moments to show of a trial and of its training twin (the training trial with the same seed).
 
-    The moments of the trial are around its evidence, and those of the training twin are around the corresponding step
+    The moments of the trial are around its evidence. The moments of the training twin are around the corresponding step
     of the task.
     """
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)

@@ -136,7 +136,7 @@ HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
 """Fine shadow edges and eight samples per pixel: for figures and videos."""
 
 QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
-"""All presets by name."""
+"""All presets, keyed by name."""
 
 
 def require_cameras(names: Iterable[str]) -> None:

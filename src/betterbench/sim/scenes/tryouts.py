@@ -77,7 +77,7 @@ class _Trial:
             self.step()
 
     def pose(self, name: str) -> Pose:
-        """Return ``T_world_body``."""
+        """Return the pose ``T_world_body`` of a body."""
         return _pose(self.data, name)
 
     def outcome(self, sentence: str, *, passed: bool) -> Tryout:

@@ -47,7 +47,7 @@ class Operation:
 
     Attributes:
         name: Name of the operation.
-        arguments: Arguments of the operation, by name.
+        arguments: Arguments of the operation, keyed by name.
         carry_out: Function that takes a condition and returns the changed condition and the declared changes.
     """
 

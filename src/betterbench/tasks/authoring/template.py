@@ -107,7 +107,7 @@ class Template(Meta, Protocol):
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """Values of the thresholds that the relations use, by name."""
+        """Values of the thresholds that the relations use, keyed by the name of the threshold."""
         values = THRESHOLDS.to_json()
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
