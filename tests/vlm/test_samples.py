@@ -62,7 +62,7 @@ def test_an_existing_log_is_kept(finished, capsys):
 def test_other_folders_and_options_are_refused(finished, tmp_path, capsys):
     (tmp_path / "other").mkdir()
     assert main(["export", str(tmp_path / "other"), "--to", "lmms-eval"]) == 2
-    assert "is not a run of better vlm" in " ".join(capsys.readouterr().err.split())
+    assert "is not the output folder of better vlm" in " ".join(capsys.readouterr().err.split())
     assert main(["export", str(finished), "--to", "lmms-eval", "--name", "x"]) == 2
     assert "--name: this option is not used by the lmms-eval export" in " ".join(capsys.readouterr().err.split())
 

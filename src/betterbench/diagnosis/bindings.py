@@ -76,10 +76,10 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
 
 
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
-    """Return the first word of a trial's instruction and the words for the attempted object, or None if one is unknown.
+    """Return the first word of a trial's instruction and the words for the attempted object.
 
-    The result is also None if the policy attempted an object that the same instruction requests for a later step,
-    because the fault is then a wrong order.
+    The result is None if the first word or the attempted object is unknown. It is also None if the same instruction
+    requests the attempted object in a later step, because the policy then did the steps in the wrong order.
     """
     try:
         condition = resolve_condition(trial.task, trial.variation or trial.condition).condition

@@ -220,10 +220,10 @@ class _Judged:
         attempts: First attempt of each trial.
         rules: Rules that may explain the attempts, lowest cost first.
         proven: Names of the rules that the trials prove.
-        open_slots: Slots that may be favorites of the policy, but cannot be proven with so few trials.
+        open_slots: Slots that the policy may favor, although there are too few trials to prove it.
         ordered: Whether the policy is known to do steps in the wrong order.
-        word_known: Whether other tasks prove that the policy follows a word of the instruction to the word's training
-            slot.
+        word_known: Whether other tasks prove that the policy goes to the slot that a word of the instruction had in
+            training.
         avoids_habit: Whether the trials clearly contradict the habit.
     """
 

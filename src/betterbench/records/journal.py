@@ -1,8 +1,8 @@
 """Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
 
 Each line contains the SHA-256 of its record, the digest of its scene, and a link, which is the SHA-256 of the previous
-link and the line. With the links, changed, missing and reordered lines are detected. In journals of older versions, the
-lines lack the scene digest, or all three values.
+link and the line. The links reveal changed, missing and reordered lines. In journals of older versions, the lines lack
+the scene digest, or all three values.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class JournalEntry:
         message: Description of the failure, if the status is "error".
         wall: Wall-clock measurements. Their names include the unit ("duration_s", "policy_latency_p50_s"). Records
             contain no such measurements.
-        ground_truth: Ground truth that a faulty policy reports about its own episode, by name. It affects neither
-            records nor verdicts.
+        ground_truth: Ground truth that a deliberately faulty policy reports about its own behavior in the episode, as a
+            dict from names to values. It affects neither records nor verdicts.
         record: SHA-256 of the record file. None if there is no record or an older version wrote the line.
         scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`). None if there is
             no record or an older version wrote the line.

@@ -51,7 +51,7 @@ class TwinPair:
 
     @property
     def trials(self) -> tuple[TrialId, TrialId]:
-        """The trials of the two demonstrations."""
+        """Trials of the two demonstrations in this pair."""
         a, b = self.conditions
         return TrialId(self.task, a, self.seed), TrialId(self.task, b, self.seed)
 

@@ -134,7 +134,7 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the success rate differs between all training trials and those behind the illusion gap."""
+        """Whether the training trials behind the illusion gap and all training trials differ in success rate."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
@@ -292,7 +292,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the same as :func:`_conclusion`, but based only on the failures in variation trials."""
+    """Return the result of :func:`_conclusion` for the failures in variation trials alone."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
@@ -508,10 +508,10 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 
 
 def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
-    """Return a clause that names the axis on which a failure occurs, if nearly all of its trials are on one axis.
+    """Return a clause that describes the axis of nearly all variation trials with a failure, or "" if there is none.
 
-    The clause is only returned if Fisher's exact test confirms it, and if the failure is at most half as frequent in
-    training as on the axis.
+    The failure rate on this axis must differ significantly from the rate on the other axes (Fisher's exact test). The
+    failure rate in training must be at most half of the rate on this axis.
     """
     ended = [trial for trial in trials if trial.kind is not Kind.UNFINISHED]
     varied = [trial for trial in ended if trial.variation is not None]

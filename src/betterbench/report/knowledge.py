@@ -50,10 +50,10 @@ class KnowledgeView:
     """Comparison of what one model knows with what one policy does.
 
     Attributes:
-        roles: For each role of a question, a phrase with the number of correct answers.
+        roles: For each role that a question can have, a phrase that states how many answers were correct.
         known_failures: Keys of the failed trials in which the model knew the right decision.
         groups: Knowledge and behavior by axis, variation and failure mode.
-        tested: Number of groups that were tested, for which Holm's correction accounts.
+        tested: Number of groups that were tested. Holm's correction is based on this number.
     """
 
     model: str

@@ -387,7 +387,10 @@ def _packaged() -> DemonstrationsFile:
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the new text of the file, with new measurements for some tasks and the previous ones for all others."""
+    """Return the new text for the file of demonstrated measurements.
+
+    It contains the measurements in ``found``, and the previous measurements of all other tasks in the file.
+    """
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Threshold in the table, with its value, unit, reason and effect.
+    """Threshold that affects a verdict, with its value, unit, reason and effect.
 
     Attributes:
-        name: Name in runs, stored diagnoses and reports.
+        name: Name under which runs, stored diagnoses and reports list the threshold.
         value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
-        reason: Use of the threshold, and the source of its value.
+        reason: What the threshold is used for, and where its value comes from.
         effect: Labels that become more or less frequent if the value is increased.
         listed: Whether runs, stored diagnoses and reports list the threshold.
     """
@@ -34,13 +34,13 @@ _TABLE: dict[str, Threshold] = {}
 
 
 def threshold(name: str, value: float, unit: str, reason: str, effect: str = "", *, listed: bool = True) -> float:
-    """Add a threshold to the table and return its value.
+    """Add a threshold to the table of all thresholds, and return its value.
 
     Args:
-        name: Name in runs, stored diagnoses and reports.
+        name: Name under which runs, stored diagnoses and reports list the threshold.
         value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
-        reason: Use of the threshold, and the source of its value.
+        reason: What the threshold is used for, and where its value comes from.
         effect: Labels that become more or less frequent if the value is increased.
         listed: Whether runs, stored diagnoses and reports list the threshold. Use False for a value that was in use
             before it was added to the table. Stored diagnoses lack such a value, so that listing it would mark them as
@@ -192,7 +192,7 @@ class Thresholds:
 
     @staticmethod
     def to_json() -> dict[str, float]:
-        """Return the values of all listed thresholds, by name."""
+        """Return the values of all listed thresholds, keyed by the name of the threshold."""
         return {entry.name: entry.value for entry in _TABLE.values() if entry.listed}
 
 

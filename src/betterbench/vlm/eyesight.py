@@ -121,7 +121,7 @@ class EyesightComparison:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Eyes (image resolutions) whose scores are significantly lower or higher than the object sizes predict."""
+        """Image resolutions whose scores differ significantly from the scores expected from the object sizes."""
         return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property

@@ -30,7 +30,9 @@ AXIS, TRAINING = "axis", "training"
 
 @dataclass(frozen=True, slots=True)
 class Gold:
-    """Correct answer to an item: a text, a box or a target region. All other attributes are None.
+    """Correct answer to an item: a text, a box or a target region.
+
+    A target region is given by a mask image or as run lengths. The attributes that the answer does not need are None.
 
     Attributes:
         text: The letter of the correct option, "Yes", "No", or the digits of a number.

@@ -35,12 +35,12 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
         overwrite: Whether to replace an existing file.
 
     Raises:
-        InvalidInputError: If the folder is not a run of ``better vlm``, or the file already exists.
+        InvalidInputError: If the folder was not written by ``better vlm --out``, or the file already exists.
         RecordError: If the run is not finished, was changed, or was written by an earlier version.
     """
     if not is_static_run(path):
         raise InvalidInputError(
-            str(path), "it is not a run of better vlm", "Pass a folder that better vlm --out has written"
+            str(path), "it is not the output folder of better vlm", "Pass a folder written by better vlm --out"
         )
     run = read_static_run(path)
     texts = read_stored_answers(path / ANSWERS_NAME).answers

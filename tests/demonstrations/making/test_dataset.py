@@ -60,8 +60,8 @@ def test_what_is_outside_the_regime_is_refused_in_one_line(sources):
     for other, problem in (
         (replace(record, metadata=replace(meta, seed=3)), "its seed 3 is a test seed"),
         (replace(record, outcome=replace(record.outcome, success=False)), "it did not succeed"),
-        (replace(record, metadata=replace(meta, instruction="Wave.")), "its initial state or its instruction differs"),
-        (replace(record, metadata=replace(meta, condition="train9")), "its initial state or its instruction differs"),
+        (replace(record, metadata=replace(meta, instruction="Wave.")), "its initial state or instruction differs"),
+        (replace(record, metadata=replace(meta, condition="train9")), "its initial state or instruction differs"),
     ):
         with pytest.raises(RecordError, match=problem):
             proven_facts(other, bounds, "record")

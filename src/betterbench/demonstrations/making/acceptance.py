@@ -1,4 +1,4 @@
-"""Fraction of the demonstration attempts that were accepted, by task, source and region, and reasons for rejection."""
+"""Acceptance rate of demonstration attempts by task, source and region, together with the reasons for rejection."""
 
 from __future__ import annotations
 

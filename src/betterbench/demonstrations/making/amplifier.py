@@ -74,7 +74,7 @@ FULL_M = 0.003
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """Settings for the transfer of source demonstrations to a new scene.
+    """Settings for adapting source demonstrations to a new scene.
 
     Attributes:
         select: Method of choosing the source demonstration for each subgoal.
@@ -121,10 +121,10 @@ class _WayIn:
     """Collision-free path to the start of a skill.
 
     Attributes:
-        poses: Waypoints of a planned path, or one pose per control step if a transit of the source demonstration is
-            repeated.
+        poses: Waypoints of a planned path. If the transit (the motion that leads to the skill) of the source
+            demonstration is repeated instead, one pose per control step.
         planned: Whether the motion planner found the path.
-        begin: Step of the skill at which the path ends.
+        begin: Step of the skill from which the skill continues after the path.
     """
 
     poses: tuple[Pose, ...]

@@ -85,8 +85,8 @@ class Method:
         attempts: Maximum number of attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
         sources_hash: Hash of the source demonstrations; "" for the expert.
-        source_tasks: Tasks for which this hash includes the source demonstrations; empty for the expert.
-        settings: Settings for the transfer of source demonstrations.
+        source_tasks: Tasks whose source demonstrations are included in ``sources_hash``; empty for the expert.
+        settings: Settings for adapting source demonstrations to new initial states.
         quality: Render preset of the stored scenes.
         task_files: User files that workers load first.
         regime: Training distribution whose conditions are demonstrated.
@@ -202,7 +202,7 @@ class StartOutcome:
 
     @property
     def trial(self) -> TrialId:
-        """Trial of the initial state."""
+        """Trial that starts from this initial state."""
         return TrialId(self.task, self.condition, self.seed)
 
     @property

@@ -52,7 +52,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
         raise _refusal(where, "it did not succeed")
     found = [c for c in conditions_shown(record, bounds.shown) if c.name == meta.condition]
     if not found:
-        raise _refusal(where, f"its initial state or its instruction differs from {meta.task}/{meta.condition}")
+        raise _refusal(where, f"its initial state or instruction differs from that of {meta.task}/{meta.condition}")
     tests = conditions_shown(record, bounds.forbidden)
     if tests:
         raise _refusal(where, f"it demonstrates the test condition {tests[0].id}")

@@ -734,9 +734,9 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Return whether ``these`` words overlap ``those`` words without being the same.
+    """Return whether each part in ``those`` matches a different part in ``these``, with at least one overlapping match.
 
-    Each word of ``those`` must equal or overlap a different word of ``these``, and at least one must only overlap.
+    Two parts match if they share a word, or if a word of one part contains a word of the other (``overlapping``).
     """
     if len(those) > len(these):
         return False

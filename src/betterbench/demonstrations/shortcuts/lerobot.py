@@ -454,11 +454,11 @@ def _episode(
     """Collect the gripper values and positions of an episode.
 
     Args:
-        stretch: The episode.
-        grips: Gripper component of each arm.
-        places: Position components of each arm.
-        cut: Values (T, n) of each column, with only the components in ``used``.
-        used: Indices of the components that were read from each column.
+        stretch: Episode of the data set.
+        grips: Column and index of each arm's gripper value.
+        places: Columns and indices of each arm's position values.
+        cut: Values that were read from each column, (T, n).
+        used: For each column, the indices of the n values that were read.
     """
 
     def of(number: NamedNumber) -> _Floats:

@@ -80,7 +80,7 @@ class LeaderMotion(Protocol):
         """
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Start to follow the leader arm.
+        """Start following the leader arm.
 
         Args:
             robot: Pose of the robot's tool, ``T_base_tcp``.
@@ -112,7 +112,7 @@ class Follower:
         return leader_tool(degrees)
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Start to follow the leader arm from the current poses of both tools.
+        """Start following the leader arm from the current poses of both tools.
 
         Args:
             robot: Pose of the robot's tool, ``T_base_tcp``.
@@ -235,11 +235,11 @@ class LeaderThread:
     """Thread that passes the poses of a leader arm to the controls until it is closed or the arm is disconnected."""
 
     def __init__(self, leader: Any, controls: Controls, motion: LeaderMotion) -> None:  # noqa: ANN401 - lerobot's
-        """Start to read the leader arm.
+        """Start a thread that reads the leader arm.
 
         Args:
-            leader: Connected teleoperator of lerobot.
-            controls: Receiver of the poses.
+            leader: Connected lerobot teleoperator.
+            controls: Controls to which the target poses are sent.
             motion: Conversion of the joint angles to target poses for the robot's tool.
         """
         self._leader, self._controls, self._motion = leader, controls, motion

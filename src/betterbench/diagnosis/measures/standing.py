@@ -138,8 +138,8 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
     """Compare the policy of a run with the pretenders, i.e. with policies that lack the tested abilities.
 
     For a run with ``--until-decided``, only the trials of the first round are used. Tasks are left out if they are not
-    in the power matrix, or have changed since it was measured. The notice lists them. If the matrix cannot be read, the
-    notice says so and no error is raised.
+    in the power matrix, or have changed since it was measured. The result has a notice that lists these tasks. If the
+    matrix cannot be read, the notice says so, and no error is raised.
 
     Args:
         diagnosis: Diagnosis of the run.

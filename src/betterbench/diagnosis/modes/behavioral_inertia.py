@@ -132,7 +132,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt takes the object that comes next in training, although it was not requested."""
+    """Return evidence if the policy goes for an unrequested object that followed the previous object in training."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))
@@ -215,7 +215,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper moves the drawer where the requested object was put in training."""
+    """Return evidence if the policy goes for the drawer into which the requested object was put in training."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
     if not episode.trace.is_drawer(step.at):

@@ -333,9 +333,9 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Return whether a later movement opens or closes a drawer as far as the step requires.
+    """Return whether a drawer is opened or closed as far as the step requires at some time after the attempt.
 
-    The result is False if the step itself is to shut the drawer.
+    The result is always False if the step requires nothing but shutting the drawer.
     """
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:

@@ -95,11 +95,12 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """If this attempt brings an object to the target of another object's subgoal, return that subgoal, otherwise None.
+    """Return the subgoal to whose target this attempt brings the object of another subgoal, or None.
 
-    For example, a policy may mistake the mug for the mouse. If the order of the steps is free, the mistake only shows
-    when the policy brings the mug to the target of the mouse. If mugs were brought to this target in training, habit is
-    the simpler explanation, and the result is None.
+    For example, a policy may mistake the mug for the mouse. If both must be moved and the order of the steps is free,
+    picking up the mug does not reveal the mistake. It becomes visible when the policy brings the mug to the target of
+    the mouse. If mugs were brought to this target in training, habit is the simpler explanation, and the result is
+    None.
     """
     step = episode.last_try(step)
     goal = episode.taken_for(step)

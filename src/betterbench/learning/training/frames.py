@@ -122,11 +122,10 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 
 
 def frames_bytes(frames: np.ndarray) -> bytes:
-    """Return the content of a frame file for frames, (n, views, size, size, 3) uint8.
+    """Convert frames, a uint8 array (n, views, size, size, 3), to the bytes of a frame file.
 
-    Each image is compressed separately. If the difference between the image and the first image of the same view
-    (modulo 256) takes less space when compressed, the difference is stored instead. This is usually the case for a
-    static camera.
+    Each image is compressed separately. If its difference from the first image of the same view (modulo 256) takes less
+    space when compressed, the difference is stored instead. This is usually the case for a static camera.
     """
     rows, views = frames.shape[:2]
     index = np.zeros((rows, views, _INDEX_NUMBERS), "<i8")

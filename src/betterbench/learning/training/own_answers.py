@@ -182,7 +182,7 @@ def answer_scores(learner: Learner, record: Record, row: int, question: Question
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield the rates for each condition, and then those for all answers ("all").
+    """Yield the rates of correct answers for each condition, and then for all answers together ("all").
 
     The conditions come in the order in which they first occur among the answers.
     """

@@ -94,7 +94,7 @@ def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Convert rows to a Parquet table. Each column is given as an array (rows, *shape)."""
+    """Build a Parquet table. The values of each column are given as an array of shape (rows, *shape)."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):
@@ -109,7 +109,7 @@ def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> 
 
 
 def from_batch(columns: tuple[ViewColumn, ...], table: pa.Table) -> dict[str, np.ndarray]:
-    """Convert Parquet rows to columns by name, each as an array (rows, *shape)."""
+    """Convert a Parquet table to arrays of shape (rows, *shape), keyed by the name of the column."""
     values: dict[str, np.ndarray] = {}
     for column in columns:
         if column.name not in table.schema.names:

@@ -37,7 +37,7 @@ def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
 
 
 def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return a chart of success on variations and on the training trials with the same seeds, grouped by axis."""
+    """Return a chart of success on variations and on the training trials with the same seeds, by variation axis."""
     return Chart(
         "axes",
         "Success in training and under each axis of variation",
@@ -48,7 +48,7 @@ def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return a chart of success on variations and on the training trials with the same seeds, grouped by task."""
+    """Return a chart of success on variations and on the training trials with the same seeds, by task."""
     names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
     groups = (_pairs(diagnoses, task_title(name), name) for name in names)
     return Chart(
@@ -61,7 +61,7 @@ def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of illusion gaps, over all variations and by axis."""
+    """Return the chart of illusion gaps (training success minus variation success), in total and by variation axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in _scopes():
@@ -91,7 +91,7 @@ def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of trial outcomes: in training, over all variations, and by axis."""
+    """Return the chart of trial outcomes: in training, over all variations, and by variation axis."""
     scopes: list[tuple[str, Keep]] = [
         ("Training", lambda t: t.variation is None),
         ("All variations", lambda t: t.variation is not None),
@@ -140,7 +140,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the chart of distractor grasp rates: in training, over all variations, and by axis."""
+    """Return the chart of distractor grasp rates: in training, over all variations, and by variation axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in (("training", "Training"), *_scopes()):
@@ -162,9 +162,10 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of the training twins (the training trials with the same seeds).
+    """Return the success rate of the training twins, i.e. of the training trials that are paired with variation trials.
 
-    A training trial is counted once for each pair that it belongs to.
+    The two trials of a pair have the same seed. A training trial that is paired with several variation trials is
+    counted once for each of them.
 
     The illusion gap is this rate minus the success rate of the variations.
 

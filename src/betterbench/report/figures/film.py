@@ -123,9 +123,9 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
 
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
-    """Return all failed variation trials with a record.
+    """Return all failed variation trials that have a record.
 
-    The report shows their initial image with the path of the gripper.
+    For each of them, the report draws the path of the gripper over the initial image.
     """
     varied = [t for t in diagnosis.counted_trials if t.variation is not None and t.record is not None]
     return [t for t in varied if not t.success]
@@ -153,7 +153,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
     """Choose the moments to show of a trial and of its training twin (the training trial with the same seed).
 
-    The moments of the trial are around its evidence, and those of the training twin are around the corresponding step
+    The moments of the trial are around its evidence. The moments of the training twin are around the corresponding step
     of the task.
     """
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)

@@ -67,7 +67,7 @@ def _filmed(policy: str, cell: Cell, films: Sequence[ShownFilm]) -> CellPicture 
 def _scene(cell: Cell, media: Media) -> CellPicture | None:
     """Return the initial scene of the first condition that has an image.
 
-    The image of a training condition is stored with a variation that is derived from it.
+    The image of a training condition is stored with one of the variations that are derived from this condition.
     """
     for source in cell.sources:
         images = media.thumbnails.get(source.id)

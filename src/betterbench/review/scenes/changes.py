@@ -44,7 +44,7 @@ class SlotPlace:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SlotChange:
-    """Move of a slot (the start position of an object) in a review."""
+    """Change of a slot (the start position of an object) in a review."""
 
     slot: _Name
     before: SlotPlace
@@ -55,7 +55,10 @@ class SlotChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameChange:
-    """Move of an asset's placement frame in a review. The poses are in the frame of the object."""
+    """Change of an asset's placement frame in a review.
+
+    The frames before and after the change are relative to the object frame.
+    """
 
     asset: _Name
     before: Region

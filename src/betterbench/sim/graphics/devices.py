@@ -144,8 +144,8 @@ def next_device_variables() -> dict[str, str]:
 def take_device(turn: int) -> None:
     """Assign a device to this process, given its index among the processes. Call this before anything is rendered.
 
-    If a variable is invalid, the error is raised only when the first image is rendered, because many runs render no
-    images.
+    If an environment variable that selects the device is invalid, the error is raised only when the first image is
+    rendered, because many runs render no images.
     """
     with contextlib.suppress(GraphicsError):
         os.environ.update(device_variables(turn))

@@ -334,7 +334,7 @@ class ArmIK:
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
-        """Return the joint angles after one iteration from ``q`` with the prepared Jacobian [rad].
+        """Return the joint angles [rad] after one iteration from ``q``, with the last computed Jacobian.
 
         Also return the largest distance between a joint angle and its value at the start of the control step [rad].
         """

@@ -54,7 +54,7 @@ class ParallelJaw:
 
     @property
     def closing_shift_m(self) -> float:
-        """Always 0, because both fingers move to the object."""
+        """Distance that the tool moves before the gripper closes [m]. Always 0, because both fingers move."""
         return 0.0
 
     def width_at(self, joints: Sequence[float]) -> float:

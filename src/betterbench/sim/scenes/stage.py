@@ -136,11 +136,11 @@ HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
 """Fine shadow edges and eight samples per pixel: for figures and videos."""
 
 QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
-"""All presets by name."""
+"""All presets, keyed by name."""
 
 
 def require_cameras(names: Iterable[str]) -> None:
-    """Raise UnknownNameError if scenes do not have a camera with one of the given names."""
+    """Raise UnknownNameError if any of the given names is not the name of a camera in the scenes."""
     known = (*CAMERAS, WRIST_CAMERA)
     unknown = next((name for name in names if name not in known), None)
     if unknown is not None:

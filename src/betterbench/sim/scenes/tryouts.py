@@ -77,11 +77,11 @@ class _Trial:
             self.step()
 
     def pose(self, name: str) -> Pose:
-        """Return ``T_world_body``."""
+        """Return the pose ``T_world_body`` of a body."""
         return _pose(self.data, name)
 
     def outcome(self, sentence: str, *, passed: bool) -> Tryout:
-        """Return the recorded motion together with a result."""
+        """Return the given result together with the motion recorded so far."""
         frames = {name: np.array(rows) for name, rows in self._frames.items()}
         gripper = {name.removeprefix(PREFIX): rows for name, rows in frames.items() if name != "asset"}
         return Tryout(passed, sentence, frames["asset"], gripper)

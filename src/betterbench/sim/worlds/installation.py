@@ -99,7 +99,7 @@ class Installation:
         If another world's Python runs the simulator, the first argument is the folder of this installation.
 
         Raises:
-            MissingDependencyError: If the world is not installed.
+            MissingDependencyError: If the world was not installed with ``better worlds install``.
         """
         if not self.is_installed:
             raise MissingDependencyError(

@@ -543,7 +543,7 @@ class ProcessScene:
         numbers = row.tolist()
         # The sum is finite only if all numbers are, and computing it takes a third of the time of testing each number.
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
-            raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
+            raise WorldError(f"the simulator sent a non-finite number in {', '.join(wrong)}")
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
@@ -671,7 +671,7 @@ def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
     floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
-        raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
+        raise WorldError(f"the simulator sent a non-finite number in {', '.join(wrong)}")
 
 
 def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:

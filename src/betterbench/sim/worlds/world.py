@@ -315,7 +315,7 @@ class World(ABC):
         Raises:
             InvalidInputError: If a number is out of range or no trial is left to run.
             UnknownNameError: If a suite, task or option does not exist.
-            MissingDependencyError: If the world is not installed.
+            MissingDependencyError: If the world was not installed with ``better worlds install``.
             WorldError: If the simulator does not answer.
         """
 

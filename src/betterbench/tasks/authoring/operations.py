@@ -47,7 +47,7 @@ class Operation:
 
     Attributes:
         name: Name of the operation.
-        arguments: Arguments of the operation, by name.
+        arguments: Arguments of the operation, keyed by name.
         carry_out: Function that takes a condition and returns the changed condition and the declared changes.
     """
 
@@ -145,7 +145,7 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
 
 @operation
 def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
-    """Remove an object from the scene. No other object may rest on it or slide in it."""
+    """Remove an object from the scene. It must not contain a drawer, and no other object may be placed on or in it."""
     name = condition.object(object.name).name
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]

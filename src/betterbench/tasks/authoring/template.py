@@ -40,9 +40,9 @@ class Meta:
 
     Attributes:
         name: Identifier ("loose_packing").
-        title: Name for tables.
+        title: Name that is shown in tables.
         description: Instruction that the template's tasks follow.
-        challenge: Difficulty of the template (from the paper's table of the taxonomy).
+        challenge: What makes the tasks difficult, as given in the taxonomy table of the paper.
         goal: Condition that holds at the end of a successful episode.
         premise: Condition that holds at the start.
     """
@@ -107,7 +107,7 @@ class Template(Meta, Protocol):
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """Values of the thresholds that the relations use, by name."""
+        """Values of the thresholds that the relations use, keyed by the name of the threshold."""
         values = THRESHOLDS.to_json()
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 

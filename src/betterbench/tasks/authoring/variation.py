@@ -41,5 +41,5 @@ class Variation:
 
     @property
     def axis(self) -> Axis:
-        """Axis of the intervention, given by the first letter of the name."""
+        """Axis along which this variation changes the task. The first letter of the name determines it."""
         return Axis.of(self.name)

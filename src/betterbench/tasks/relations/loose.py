@@ -83,9 +83,10 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
 
 def held_upon(state: WorldState, name: str, target: str) -> bool:
-    """Return whether the gripper holds an object low over a target.
+    """Return whether the gripper holds an object just over a target.
 
-    The object must be at most as high as the top of the target or of the objects on the target.
+    The lowest point of the object must not be higher than the highest point of the target and the objects on it. A
+    difference of up to ``loose_overlap`` is allowed.
     """
     if state.held != name or not _over(state, name, target):
         return False

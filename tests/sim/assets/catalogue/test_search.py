@@ -328,7 +328,7 @@ def spoil_tables(folder):
 SPOILT = {
     "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not an asset catalogue"),
     "foreign": (spoil_application, "is not an asset catalogue"),
-    "version": (spoil_version, "is a catalogue of version 99, expected version 3"),
+    "version": (spoil_version, "is a version 99 catalogue, but version 3 is expected"),
     "tables": (spoil_tables, "is damaged"),
     "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy cannot be read"),
     "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy does not contain"),

@@ -100,7 +100,7 @@ class Store:
         if application != _APPLICATION:
             raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
-            f"{self.path} is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
+            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Delete the folder and "
             "index the sources again."
         )
 

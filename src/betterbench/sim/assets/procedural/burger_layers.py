@@ -50,9 +50,9 @@ def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.nd
 
 
 def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease: float = 50.0) -> Mesh:
-    """Return a slab with beveled edges over a star-shaped outline around the origin [m].
+    """Return a slab with beveled edges.
 
-    Its texture is projected from above.
+    Each ray from the origin must cross the outline [m] exactly once. The texture is projected from above.
     """
     reach = np.linalg.norm(outline, axis=1, keepdims=True)
     rings = []

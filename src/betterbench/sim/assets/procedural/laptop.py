@@ -82,7 +82,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float, float]) -> Mesh:
-    """Return an upright plate with rounded corners, between two heights and two positions along x [m]."""
+    """Return an upright plate with rounded corners that spans the given ranges of x and z [m]."""
     flat = rectangle(half_y, 0.5 * (z[1] - z[0]), 0.0, corner=corner, steps=2)
     up = 0.5 * (z[0] + z[1]) + flat[:, 1]
     return prism([np.column_stack([np.full(len(flat), at), flat[:, 0], up]) for at in x])

@@ -74,14 +74,14 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return, for each side of a round body, the factor that moves it outward to make the body a rounded square."""
+    """Return one factor per side of a round body. Multiplying the radius by them makes the body a rounded square."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share
 
 
 def _squared(mesh: Mesh, corner: np.ndarray) -> Mesh:
-    """Return a turned mesh with each of its sides moved outward by the given factor."""
+    """Return a mesh of revolution with the radius of each side multiplied by its factor in ``corner``."""
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
     return mesh.scaled_across(corner[np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES])
 

@@ -478,7 +478,10 @@ class ChainScene(ProcessScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """Settings sent to the simulator with each instruction: the images to render, and where to split an action."""
+        """Settings that are sent to the simulator at the start of each subtask.
+
+        They select the images to render, and the indices at which the simulator splits an action into its parts.
+        """
         return {
             "images": self._images,
             "depth": self.draws_depth,
@@ -607,7 +610,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
 
     Raises:
         InvalidInputError: If no checkout of calvin_env is given, or the path is not a checkout.
-        MissingDependencyError: If the world is not installed.
+        MissingDependencyError: If the world was not installed with ``better worlds install``.
     """
     if checkout is None:
         raise InvalidInputError(

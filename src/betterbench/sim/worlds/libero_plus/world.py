@@ -208,7 +208,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
     Raises:
         InvalidInputError: If the folder does not contain the assets.
-        MissingDependencyError: If the world is not installed.
+        MissingDependencyError: If the world was not installed with ``better worlds install``.
     """
     named = os.environ.get(ASSETS_VARIABLE)
     where = "--libero-plus-assets" if assets is not None else ASSETS_VARIABLE

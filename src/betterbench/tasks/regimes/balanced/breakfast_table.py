@@ -1,4 +1,4 @@
-"""Balanced conditions of the breakfast table: all tableware in every slot, and both positions of the plate."""
+"""Balanced conditions of the breakfast table: every piece is in every slot, with both positions of the plate."""
 
 import itertools
 
