@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.docs.copies import copy_checkout, run
 
 from betterbench.cli.main import main
 from betterbench.evaluation import evaluate, make_plan
@@ -54,6 +55,14 @@ def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
     applied = run.read_record(entry.task, entry.condition, entry.seed).applied[1:]
     steps = np.arange(len(applied))
     np.testing.assert_allclose(applied[:, 1], 0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
+
+
+def test_the_contract_tests_pass_with_the_file_of_the_page_in_its_folder(tmp_path):
+    place = "src/betterbench/policies/kinds/sway.py"
+    assert place in PAGE
+    checkout = copy_checkout(tmp_path, {place: FILE})
+    said = run(checkout, "-m", "pytest", "-v", "-p", "no:cacheprovider", "tests/policies/test_kinds.py")
+    assert "test_the_names_of_runs_know_which_policies_are_built_in[sway] PASSED" in said
 
 
 def test_each_field_of_a_kind_is_explained():
