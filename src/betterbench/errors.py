@@ -12,7 +12,8 @@ import os
 import re
 import sysconfig
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
@@ -300,3 +301,23 @@ STORAGE_CURES: Mapping[int, str] = {
 
 class PlanningError(BetterError):
     """The privileged expert found no collision-free motion for a skill."""
+
+
+@contextmanager
+def errors_explained(path: str) -> Iterator[None]:
+    """Context that adds the file and the line to an error raised in a user's file.
+
+    Raises:
+        InvalidInputError: If the file raises an error.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, InvalidInputError) and path in error.where:
+            raise
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
+        text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split()).rstrip(".")
+        problem = text if isinstance(error, BetterError) else f"{type(error).__name__}: {text}"
+        where = path if line is None else f"{path}, line {line}"
+        raise InvalidInputError(where, problem, "Correct the file") from error

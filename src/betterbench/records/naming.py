@@ -15,7 +15,7 @@ from betterbench.records.run import RunFolder
 _KINDS = Path(__file__).parents[1] / "policies" / "kinds"
 _REGISTERS = re.compile(r"^\w+ = register(_privileged)?\(", re.MULTILINE)
 _EXTERNAL = re.compile(r"\b(OWN_PROCESS|SERVER|thread=True)\b")
-_SCHEME = re.compile(r'\bscheme="(\w+)"')
+_SCHEME = re.compile(r'\bscheme="([\w.+-]+)"')
 _BARE = re.compile(r'\btarget="(none|optional)"')
 
 
@@ -31,9 +31,10 @@ def built_in_names() -> re.Pattern[str]:
     for file in sorted(_KINDS.glob("*.py")):
         text = file.read_text(encoding="utf-8")
         if _REGISTERS.search(text) and not _EXTERNAL.search(text):
-            schemes = _SCHEME.findall(text)
-            names += [rf"{scheme}:.*" for scheme in schemes or [file.stem]]
-            names += (schemes or [file.stem]) if not schemes or _BARE.search(text) else []
+            literal = _SCHEME.findall(text)
+            schemes = [re.escape(scheme) for scheme in literal or [file.stem]]
+            names += [f"{scheme}:.*" for scheme in schemes]
+            names += schemes if not literal or _BARE.search(text) else []
     return re.compile("|".join(names), re.IGNORECASE)
 
 

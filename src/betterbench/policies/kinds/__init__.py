@@ -7,7 +7,9 @@ server libraries only when a policy is made, because each process that uses a po
 
 import importlib
 import pkgutil
+from pathlib import Path
 
+from betterbench.errors import errors_explained
 from betterbench.policies.kinds.kind import (
     KINDS,
     PolicyEntry,
@@ -25,7 +27,8 @@ from betterbench.policies.kinds.kind import (
 )
 
 for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
+        importlib.import_module(f"{__name__}.{_module.name}")
 
 __all__ = [
     "KINDS",
