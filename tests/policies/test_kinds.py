@@ -24,6 +24,7 @@ from betterbench.policies.kinds import (
     find_kind,
     kind_of,
     known_policies,
+    make_for,
     make_policy,
     needs_of,
     read_address,
@@ -252,6 +253,17 @@ def test_a_kind_that_returns_no_policy_is_named_before_the_run(toy, monkeypatch,
     monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", kinds)
     with pytest.raises(InvalidInputError, match=re.escape(text)):
         check_policy("toy:a")
+
+
+@pytest.mark.parametrize("needs", [STATE, PolicyNeeds(trial=True)], ids=["state", "trial"])
+@pytest.mark.parametrize(
+    ("made", "text"), [(None, "its kind returned None instead of a policy"), (Idle(), "Idle has no 'act'")]
+)
+def test_a_kind_that_returns_no_policy_for_an_episode_is_named(toy, monkeypatch, needs, made, text):
+    kind = dataclasses.replace(toy, needs=needs, make=None, make_for=lambda *_: made)
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS, "toy": kind})
+    with pytest.raises(InvalidInputError, match=f"policy toy:a: {text}"):
+        make_for("toy:a", None)
 
 
 def test_a_mistake_in_the_file_of_a_kind_names_the_file_and_the_line(tmp_path):

@@ -345,6 +345,8 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
         )
     made = kind.make_for(read, scene, trial)
     _require_present(made, read)
+    if not hasattr(made, "act_on_state"):
+        require_policy(made, f"policy {read}")
     return made
 
 
