@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import difflib
 import errno
+import inspect
 import os
 import re
 import sysconfig
 import traceback
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
@@ -301,6 +302,21 @@ STORAGE_CURES: Mapping[int, str] = {
 
 class PlanningError(BetterError):
     """The privileged expert found no collision-free motion for a skill."""
+
+
+def require_parameters(where: str, name: str, function: Callable[..., object], parameters: str) -> None:
+    """Check that a function of an extension can be called with some positional arguments ("state, object, target").
+
+    Raises:
+        InvalidInputError: If it has other parameters.
+    """
+    try:
+        inspect.signature(function).bind(*parameters.split(", "))
+    except ValueError:  # some built-in functions have no signature
+        return
+    except TypeError as error:
+        problem = f"{name} must be callable as {name}({parameters}) ({error})"
+        raise InvalidInputError(where, problem, "Correct its parameters") from None
 
 
 @contextmanager

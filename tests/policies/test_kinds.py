@@ -203,6 +203,8 @@ def test_a_wrong_form_of_a_kind_is_refused(fields, text):
         ({"form": "toy:NAME"}, "form must be an AddressForm, got 'toy:NAME'"),
         ({"summary": None}, "summary must be a text, got None"),
         ({"make": Noop()}, "make must be a function, got a Noop"),
+        ({"make": Noop}, "make must be callable as make(address) (too many positional arguments)"),
+        ({"read": lambda _: None}, "read must be callable as read(text, world) (too many positional arguments)"),
         ({"make": None}, "make is missing. Give the function that returns a policy for an address"),
         ({"needs": STATE}, "make_for is missing. Give the function that returns a policy for one episode"),
         ({"needs": lambda _: STATE, "make": None}, "make and make_for are missing"),
@@ -220,7 +222,7 @@ def test_a_wrong_kind_is_refused_when_it_is_registered(monkeypatch, fields, text
     monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS})
     form = AddressForm(scheme="toy", example="toy:NAME")
     right = {"form": form, "shown": "toy:NAME", "summary": "A toy.", "needs": AT_ONCE, "make": lambda _: Noop()}
-    with pytest.raises((TypeError, ValueError), match=re.escape(text)):
+    with pytest.raises((TypeError, ValueError, InvalidInputError), match=re.escape(text)):
         register(PolicyKind(**{**right, **fields}))
 
 

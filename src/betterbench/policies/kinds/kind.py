@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Protocol, cast
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError, require_parameters
 from betterbench.interface.policy import require_policy
 from betterbench.policies.address import AddressForm, PolicyAddress
 
@@ -107,6 +107,19 @@ def _leaves_open(address: PolicyAddress) -> str | None:
     return None
 
 
+_FUNCTIONS = {
+    "make": "address",
+    "make_for": "address, scene, trial",
+    "named": "",
+    "read": "text, world",
+    "source_of": "address",
+    "describe": "address",
+    "require_world": "address, world",
+    "space_in_world": "address",
+}
+"""Parameters of each function of a kind."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
     """Policy kind, with its address format, requirements and constructor.
@@ -149,7 +162,7 @@ class PolicyKind:
     spaces: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise TypeError or ValueError if a field has the wrong type."""
+        """Raise TypeError, ValueError or InvalidInputError if a field is not allowed."""
         if not isinstance(self.form, AddressForm):
             raise TypeError(f"form must be an AddressForm, got {self.form!r}")
         where = f"policy kind {self.name}"
@@ -160,11 +173,16 @@ class PolicyKind:
         if not isinstance(needs, PolicyNeeds) and not callable(needs):
             known = "AT_ONCE, OWN_PROCESS, SERVER, STATE, PolicyNeeds(...) or a function of the address"
             raise TypeError(f"{where}: needs={needs!r} is not a PolicyNeeds. Use {known}")
-        optional = ("make", "make_for", "named", "read", "source_of")
-        for name in (*optional, "describe", "require_world", "space_in_world"):
+        if callable(needs):
+            require_parameters(where, "needs", needs, "address")
+        for name, parameters in _FUNCTIONS.items():
             value = getattr(self, name)
-            if not callable(value) and not (value is None and name in optional):
-                raise ValueError(f"{where}: {name} must be a function, got a {type(value).__name__}")
+            if value is None and name in ("make", "make_for", "named", "read", "source_of"):
+                continue
+            if not callable(value):
+                raise TypeError(f"{where}: {name} must be a function, got a {type(value).__name__}")
+            if parameters:
+                require_parameters(where, name, value, parameters)
 
     @property
     def name(self) -> str:

@@ -1,11 +1,10 @@
 """Relations between an object and a target, and the registry of all relations."""
 
-import inspect
 import string
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from betterbench.errors import InvalidInputError, PlanningError, UnknownNameError, find_named
+from betterbench.errors import InvalidInputError, PlanningError, UnknownNameError, find_named, require_parameters
 from betterbench.geometry import Pose, Vector
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.rest import on_floor
@@ -179,11 +178,7 @@ def _require_complete(relation: Relation) -> None:
             continue
         if not callable(function):
             raise InvalidInputError(title, f"{name} is not a function, but {function!r}", advice)
-        try:
-            inspect.signature(function).bind(*parameters.split(", "))
-        except TypeError as error:
-            problem = f"{name} must be callable as {name}({parameters}) ({error})"
-            raise InvalidInputError(title, problem, "Correct its parameters") from None
+        require_parameters(title, name, function, parameters)
     if getattr(relation.where, "__annotations__", {}).get("return") in (bool, "bool"):
         raise InvalidInputError(title, "where returns True or False, not a region", _FUNCTIONS["where"][1])
     fields = [field for _, field, *_ in string.Formatter().parse(relation.words) if field is not None]
