@@ -59,9 +59,10 @@ def test_the_expert_achieves_the_relation_of_the_page(checkout):
     assert "(1/1," in said
 
 
-def test_the_names_of_the_page_are_found(checkout):
+def test_the_names_and_the_template_of_the_page_are_found(checkout):
     *_, check = blocks(PAGE, "python")
     run(checkout, "-c", check)
+    assert "Tasks: block_on_can." in run(checkout, "-m", "betterbench.cli", "list", "templates")
 
 
 @pytest.mark.slow
