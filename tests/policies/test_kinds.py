@@ -187,7 +187,6 @@ def test_a_wrong_option_of_a_kind_is_refused(fields, text):
         ({"options": Option("gain", "the gain")}, "options must be a tuple of Option, such as (Option(...),)"),
         ({"options": ("gain",)}, "options must be a tuple of Option, such as (Option(...),)"),
         ({"options": (Option("a", "b"), Option("a", "c"))}, "the option 'a' is declared twice"),
-        ({"scheme": "to:y"}, "scheme 'to:y' must be one word, such as sway"),
         ({"target": "maybe"}, "target='maybe' is unknown. Use 'none', 'optional' or 'required'"),
     ],
 )
@@ -208,6 +207,10 @@ def test_a_wrong_form_of_a_kind_is_refused(fields, text):
         ({"make": None}, "make is missing. Give the function that returns a policy for an address"),
         ({"needs": STATE}, "make_for is missing. Give the function that returns a policy for one episode"),
         ({"needs": lambda _: STATE, "make": None}, "make and make_for are missing"),
+        (
+            {"form": AddressForm(scheme="to:y", example="to:y:NAME")},
+            "scheme 'to:y' must be one word, such as sway",
+        ),
         (
             {"form": AddressForm(scheme="toy", example="tyo:NAME")},
             "the example 'tyo:NAME' is not an address of this kind. Begin it with toy:",

@@ -137,8 +137,6 @@ class AddressForm:
 
     def __post_init__(self) -> None:
         """Raise ValueError if a field is not allowed."""
-        if not re.fullmatch(r"\w[\w.+-]*", str(self.scheme)):
-            raise ValueError(f"scheme {self.scheme!r} must be one word, such as sway")
         where = f"policy kind {self.scheme}"
         if self.target not in get_args(_Target):
             raise ValueError(f"{where}: target={self.target!r} is unknown. Use {_listed(_Target)}")

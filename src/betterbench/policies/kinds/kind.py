@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -227,12 +228,14 @@ def register(kind: PolicyKind) -> PolicyKind:
     """Add a kind to the registry, and return it.
 
     Raises:
-        ValueError: If another kind has its name, the example is not an address of the kind, or the function that makes
-            the policies is missing.
+        ValueError: If another kind has its name, the scheme is not one word, the example is not an address of the kind,
+            or the function that makes the policies is missing.
     """
     if kind.name in KINDS:
         place = f", in {_DEFINED_IN[kind.name]}" if kind.name in _DEFINED_IN else ""
         raise ValueError(f"another policy kind has the name {kind.name!r}{place}. Choose another scheme")
+    if not re.fullmatch(r"\w[\w.+-]*", kind.name):
+        raise ValueError(f"scheme {kind.name!r} must be one word, such as sway")
     if kind.summary:  # without a summary, a kind only explains why its addresses are rejected
         _require_complete(kind)
     KINDS[kind.name] = kind
