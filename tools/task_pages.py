@@ -153,10 +153,11 @@ def templates_page(tasks: Sequence[Task]) -> str:
         _row(["template", "main difficulty", "tasks"]),
         _row(["---"] * 3),
     ]
-    for template in TEMPLATES.values():
+    own = {task.template.name: task.template for task in tasks if task.template.name not in TEMPLATES}
+    for template in (*TEMPLATES.values(), *own.values()):
         users = ", ".join(f"[{t.title}](tasks/{t.id}.md)" for t in tasks if t.template is template)
         lines.append(_row([_template_link(template, "", page=""), template.challenge, users or "–"]))
-    for template in TEMPLATES.values():
+    for template in (*TEMPLATES.values(), *own.values()):
         lines += ["", *_template_section(template)]
     shown = TEMPLATES["loose_packing"]
     lines += [

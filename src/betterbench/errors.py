@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import difflib
 import errno
+import inspect
 import os
 import re
 import sysconfig
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
@@ -301,3 +303,38 @@ STORAGE_CURES: Mapping[int, str] = {
 
 class PlanningError(BetterError):
     """The privileged expert found no collision-free motion for a skill."""
+
+
+def require_parameters(where: str, name: str, function: Callable[..., object], parameters: str) -> None:
+    """Check that a function of an extension can be called with some positional arguments ("state, object, target").
+
+    Raises:
+        InvalidInputError: If it has other parameters.
+    """
+    try:
+        inspect.signature(function).bind(*parameters.split(", "))
+    except ValueError:  # some built-in functions have no signature
+        return
+    except TypeError as error:
+        problem = f"{name} must be callable as {name}({parameters}) ({error})"
+        raise InvalidInputError(where, problem, "Correct its parameters") from None
+
+
+@contextmanager
+def errors_explained(path: str) -> Iterator[None]:
+    """Context manager that adds the file and the line to an error raised in a user's file.
+
+    Raises:
+        InvalidInputError: If the file raises an error.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, InvalidInputError) and path in error.where:
+            raise
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
+        text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split()).rstrip(".")
+        problem = text if isinstance(error, BetterError) else f"{type(error).__name__}: {text}"
+        where = path if line is None else f"{path}, line {line}"
+        raise InvalidInputError(where, problem, "Correct the file") from error

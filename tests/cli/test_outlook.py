@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from betterbench.cli.main import main
 from betterbench.cli.outlook import FEW, Outlook
 from betterbench.cli.verbs import evaluate as module
-from betterbench.cli.verbs.evaluate import TrialOptions, smaller_command
+from betterbench.cli.verbs.evaluate import TrialOptions, _print_expert, smaller_command
 from betterbench.evaluation import Progress, make_plan
 from betterbench.evaluation.planning.power import smallest_drop_line
 from betterbench.tasks import TrialId
@@ -127,3 +128,18 @@ def test_resuming_says_at_once_what_is_done(tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert lines[1] == "2 of 2 trials are done already; 0 are left."
     assert lines[2].startswith("2/2 trials")
+
+
+def test_an_error_of_the_experts_code_is_not_called_a_failure_without_an_obstacle(capsys):
+    """The line before it names the error, so that no advice on obstacles follows."""
+    entry = SimpleNamespace(
+        status="done", key=("t", "train1", 0), task="t", condition="train1", seed=0, ground_truth={}, message=None
+    )
+    failing = SimpleNamespace(
+        entries=lambda: [entry], outcome=lambda _: SimpleNamespace(success=False), record_path=lambda *_: "r.npz"
+    )
+    _print_expert(failing, set())
+    assert "no obstacle was found" in capsys.readouterr().out
+    entry.message = "TypeError: _goals() takes 3 positional arguments"
+    _print_expert(failing, set())
+    assert capsys.readouterr().out == ""

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.docs.copies import copy_checkout, run
 
 from betterbench.cli.main import main
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.policies.address import PolicyAddress
 from betterbench.policies.factory import check_policy
 from betterbench.policies.kinds import KINDS, PolicyKind
 
@@ -35,6 +37,8 @@ def test_the_kind_of_the_page_is_listed_and_read(sway, capsys):
     for address, text in (
         ("sway:x?amplitud=1", "Did you mean 'amplitude'"),
         ("sway:x?amplitude=2", "Set it to the share of the largest action, from 0 to 1"),
+        ("sway:x?period=ten", "Set it to the number of control steps of one swing, such as 8"),
+        ("sway:x?start=up", "Unknown start 'up'"),
         ("sway:x?period=0", "Give a whole number such as 40"),
         ("sway:w", "Unknown axis 'w'"),
         ("sway", "Unknown policy 'sway'"),
@@ -46,16 +50,30 @@ def test_the_kind_of_the_page_is_listed_and_read(sway, capsys):
 
 @pytest.mark.usefixtures("sway")
 def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
-    assert check_policy("sway:y?amplitude=0.3").action_space == "ee_delta"
-    plan = make_plan("sway:y?amplitude=0.3", tasks=("fruit_lunch",), trials=1, observation="state_only")
+    address = "sway:y?amplitude=0.3&start=backward"
+    assert check_policy(address).action_space == "ee_delta"
+    plan = make_plan(address, tasks=("fruit_lunch",), trials=1, observation="state_only")
     run = evaluate(dataclasses.replace(plan, trials=plan.trials[:1]), tmp_path / "run", workers=1)
     (entry,) = run.entries()
     assert entry.status == "done"
     applied = run.read_record(entry.task, entry.condition, entry.seed).applied[1:]
     steps = np.arange(len(applied))
-    np.testing.assert_allclose(applied[:, 1], 0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
+    np.testing.assert_allclose(applied[:, 1], -0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
+
+
+def test_the_contract_tests_pass_with_the_file_of_the_page_in_its_folder(tmp_path):
+    place = "src/betterbench/policies/kinds/sway.py"
+    assert place in PAGE
+    checkout = copy_checkout(tmp_path, {place: FILE})
+    said = run(checkout, "-m", "pytest", "-v", "-p", "no:cacheprovider", "tests/policies/test_kinds.py")
+    assert "test_the_names_of_runs_know_which_policies_are_built_in[sway] PASSED" in said
 
 
 def test_each_field_of_a_kind_is_explained():
     for name in PolicyKind.__dataclass_fields__:
         assert f"`{name}`" in PAGE
+
+
+def test_each_member_of_an_address_is_explained():
+    for name in {name for name in dir(PolicyAddress) if not name.startswith("_")} - {"check"}:  # the form calls it
+        assert f"`address.{name}" in PAGE

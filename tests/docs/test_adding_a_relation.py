@@ -1,64 +1,89 @@
-"""The page on relations is carried out: its file registers a relation that judges states and gives the expert goals."""
+"""The page on relations is carried out: its three files pass the tests of relations and tasks in a copy."""
 
 from __future__ import annotations
 
+import json
 import re
-import subprocess
-import sys
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+import pytest
+from tests.docs.copies import ROOT, copy_checkout, run
+from tests.docs.test_docs import blocks
 
+from betterbench.tasks.relations import Relation
 
-CHECK = """
-from betterbench.geometry import from_axis_angle
-from betterbench.interface.actions import EE_DELTA
-from betterbench.sim.scenes import Scene
-from betterbench.sim.scenes.stage import FAST
-from betterbench.interface.state import ObjectInfo, Region
-from betterbench.tasks import get_task
-import dataclasses
+PAGE = ROOT / "docs" / "adding-a-relation.md"
+PLACES = (
+    "src/betterbench/tasks/relations/perched.py",
+    "src/betterbench/tasks/suite/block_on_can.py",
+    "tests/tasks/test_perched.py",
+)
 
-task = get_task("desk_meeting")
-state = Scene(task, task.training[0], seed=0, action_space=EE_DELTA, quality=FAST).reset()
-info = state.info
-wall, mouse = (next(o for o in info.objects if o.name == n) for n in ("laptop", "mouse"))
-with_front = dataclasses.replace(wall, regions=(Region("front", (0.1, 0.0, 0.0), (0.01, 0.01, 0.01)),))
-assert LEANING.regions(with_front) == ("",) and LEANING.regions(mouse) == ()
-objects = tuple(with_front if o.name == "laptop" else o for o in info.objects)
-i = info.index("mouse")
-x, y, z = state.pose("laptop").position
-near = list(state.positions)
-near[i] = (x + 0.10, y, 0.02)
-
-
-def judged(tilt, contacts=(("mouse", "table", 1.0), ("mouse", "laptop", 1.0)), dx=0.10):
-    near[i] = (x + dx, y, 0.02)
-    turned = list(state.quaternions)
-    turned[i] = from_axis_angle((tilt, 0.0, 0.0))
-    posed = dataclasses.replace(
-        state,
-        info=dataclasses.replace(info, objects=objects),
-        positions=tuple(near),
-        quaternions=tuple(turned),
-        contacts=contacts,
-    )
-    return LEANING.where(posed, "mouse", "laptop"), posed
-
-
-assert judged(0.3)[0] == ""
-assert judged(0.1)[0] is None, "hardly tilted"
-assert judged(0.3, dx=0.25)[0] is None, "too far away"
-assert judged(0.3, contacts=(("mouse", "table", 1.0),))[0] is None, "does not touch the wall"
-goals = LEANING.place_goals(judged(0.0)[1], "mouse", "laptop", "")
-assert len(goals) == 4 and all(goal.pose.position[2] > 0.0 for goal in goals)
+LAWS = """
+import sys, pytest
+class Alone:
+    def pytest_collection_modifyitems(self, items):
+        for item in items:
+            if item.name in ("test_every_target_offers_the_place_that_is_asked_for", "test_looks_of_a_thing_differ"):
+                item.function.only = lambda task, *_: task.id == "block_on_can"
+ended = pytest.main(sys.argv[1:], [Alone()])
+import betterbench, betterbench.tasks
+print(betterbench.__file__, betterbench.tasks.task_names())
+sys.exit(ended)
 """
+"""Runs tests, and prints where the package and which tasks were found; other tests check the tasks of the suite."""
 
 
-def test_the_relation_of_the_page_works(tmp_path):
-    text = (ROOT / "docs" / "adding-a-relation.md").read_text()
-    file, check = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    (tmp_path / "leaning.py").write_text(file)
-    code = f"import sys\nsys.path.insert(0, {str(tmp_path)!r})\nfrom leaning import LEANING\n{check}\n{CHECK}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of code and tests into which the page's files have been put where the page says."""
+    page = PAGE.read_text()
+    assert all(f"`{place}`" in page for place in PLACES)
+    *files, _ = blocks(PAGE, "python")
+    return copy_checkout(tmp_path_factory.mktemp("checkout"), dict(zip(PLACES, files, strict=True)))
+
+
+def test_the_contract_tests_pass_with_the_files_of_the_page_in_their_folders(checkout):
+    files = ("tests/tasks/test_perched.py", "tests/tasks/test_relations.py", "tests/tasks/test_suite.py")
+    assert " ".join(files) in PAGE.read_text()
+    laws = "perched or truth_table or suite or axis or consistent or reference or support or step_limit or task"
+    said = run(checkout, "-c", LAWS, "-q", "-p", "no:cacheprovider", *files, "tests/tasks/test_template.py", "-k", laws)
+    assert "block_on_can" in said.splitlines()[-1]
+    assert str(checkout) in said.splitlines()[-1]
+
+
+def test_the_expert_achieves_the_relation_of_the_page(checkout):
+    (command, *_) = (line for block in blocks(PAGE, "sh") for line in block.splitlines() if line.startswith("better"))
+    _, *arguments = command.replace("--trials 3", "--trials 1").split()
+    said = run(checkout, "-m", "betterbench.cli", *arguments, "--out", "run")
+    assert "(2/2," in said
+    assert "(1/1," in said
+
+
+def test_the_names_and_the_template_of_the_page_are_found(checkout):
+    *_, check = blocks(PAGE, "python")
+    run(checkout, "-c", check)
+    assert "Tasks: block_on_can." in run(checkout, "-m", "betterbench.cli", "list", "templates")
+
+
+@pytest.mark.slow
+def test_all_tests_of_relations_and_tasks_pass_with_the_files_of_the_page(checkout):
+    (command,) = (line for block in blocks(PAGE, "sh") for line in block.splitlines() if "pytest" in line)
+    run(checkout, *command.split()[1:], "-p", "no:cacheprovider")
+
+
+def test_each_field_of_a_relation_is_explained():
+    for name in set(Relation.__dataclass_fields__) - {"wide"}:
+        assert f"`{name}`" in PAGE.read_text()
+
+
+def test_the_regions_of_the_page_are_those_of_the_assets(checkout):
+    """In a process of its own: other tests may have registered assets in this one."""
+    pairs = "[(region.name, category) for category in categories() for region in build(category).regions]"
+    code = f"import json; from betterbench.sim.assets import build, categories; print(json.dumps({pairs}))"
+    found: dict[str, set[str]] = {}
+    for region, category in json.loads(run(checkout, "-c", code)):
+        found.setdefault(region, set()).add(category)
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", PAGE.read_text(), flags=re.MULTILINE)
+    told = {region: set(re.findall(r"`(\w+)`", listed)) for region, listed in rows if region in found}
+    no_targets = {"base", "knob", "handle", "lid", "spout", "rim", "front"}
+    assert told == {region: assets for region, assets in found.items() if region not in no_targets}

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import shlex
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from tests.docs.copies import ROOT, copy_checkout, run
 from tests.docs.test_docs import blocks
 
-ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "adding-a-task.md"
 FILE = "src/betterbench/tasks/suite/tea_tray.py"
 LONG = ("test_every_target_offers_the_place_that_is_asked_for", "test_looks_of_a_thing_differ")
@@ -37,26 +32,9 @@ sys.exit(ended)
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
     """A copy of code and tests into which the page's file has been put where the page says."""
-    root = tmp_path_factory.mktemp("checkout")
-    for folder in ("src", "tests"):
-        shutil.copytree(ROOT / folder, root / folder)  # with times and bytecode, so that little is compiled again
-    shutil.copy(ROOT / "pyproject.toml", root)
     assert FILE in PAGE.read_text()
     (code,) = blocks(PAGE, "python")
-    (root / FILE).write_text(code)
-    return root
-
-
-def run(checkout: Path, *command: str) -> str:
-    """Returns what a command prints in the copy; it has to end well."""
-    # Task files that other tests have loaded into this process are named to its children by such variables.
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
-    environment = {**kept, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": ""}
-    done = subprocess.run(
-        [sys.executable, *command], cwd=checkout, capture_output=True, text=True, env=environment, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return copy_checkout(tmp_path_factory.mktemp("checkout"), {FILE: code})
 
 
 def test_the_laws_of_the_suite_hold_with_a_task_more_in_its_folder(checkout):

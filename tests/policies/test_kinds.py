@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +16,7 @@ import betterbench
 import betterbench_calibration
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.policies.address import AddressForm, Option
+from betterbench.policies.factory import check_policy
 from betterbench.policies.kinds import (
     KINDS,
     PolicyKind,
@@ -20,13 +24,15 @@ from betterbench.policies.kinds import (
     find_kind,
     kind_of,
     known_policies,
+    make_for,
     make_policy,
     needs_of,
     read_address,
     register,
 )
-from betterbench.policies.kinds.kind import AT_ONCE
-from betterbench.records.naming import BUILT_IN
+from betterbench.policies.kinds.kind import AT_ONCE, STATE
+from betterbench.policies.kinds.noop import Noop
+from betterbench.records.naming import built_in_names
 
 EACH_KIND = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 KINDS_FOLDER = Path(betterbench.__path__[0]) / "policies" / "kinds"
@@ -67,7 +73,8 @@ def test_a_kind_makes_its_policies_in_one_way_for_each_need(kind):
 def test_the_names_of_runs_know_which_policies_are_built_in(kind):
     built_in = callable(kind.needs) or not kind.needs.thread
     address = kind.name if kind.form.target == "none" else f"{kind.name}:x"
-    assert bool(BUILT_IN.fullmatch(address)) == built_in
+    cure = 'write scheme="NAME" in the file of the kind: the names are read from its text'
+    assert bool(built_in_names().fullmatch(address)) == built_in, cure
 
 
 ASKING = re.compile(
@@ -110,19 +117,19 @@ def toy(monkeypatch):
     monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS})
     options = (Option("gain", "the gain", "number", 2.0), Option("turns", "the turns", "whole"), Option("let.", "one"))
     form = AddressForm(scheme="toy", example="toy:NAME", options=options)
-    return register(PolicyKind(form=form, shown="toy:NAME", summary="A toy.", needs=AT_ONCE, make=lambda read: read))
+    return register(PolicyKind(form=form, shown="toy:NAME", summary="A toy.", needs=AT_ONCE, make=lambda _: Noop()))
 
 
 def test_a_second_kind_of_the_same_name_is_refused(toy):
     with pytest.raises(ValueError, match="another policy kind has the name 'toy'"):
-        register(PolicyKind(form=toy.form, shown="toy:NAME", summary="Another.", needs=AT_ONCE))
+        register(PolicyKind(form=toy.form, shown="toy:NAME", summary="Another.", needs=AT_ONCE, make=toy.make))
 
 
 def test_the_options_of_a_kind_are_read_and_typed(toy):
     read = read_address("toy:a/b?gain=1.5&turns=3&let.x=y%20z")
     assert (kind_of(read.text), read.target, read.number("gain"), read.whole("turns")) == (toy, "a/b", 1.5, 3)
     assert read.options["let.x"] == "y z"
-    assert make_policy("toy:a") == read_address("toy:a")
+    assert isinstance(make_policy("toy:a"), Noop)
     assert not needs_of("toy:a").thread
 
 
@@ -133,6 +140,9 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("toy:a?gain=3", "gain=3 is out of range. Set it to the gain, from 0 to 2"),
         ("toy:a?gain=x", "gain=x is out of range"),
         ("toy:a?turns=1.5", "turns=1.5 must be a whole number. Set it to the turns, such as 8"),
+        ("toy:a?turns=ten", "turns=ten must be a whole number. Set it to the turns, such as 8"),
+        ("toy:a?turns=inf", "turns=inf must be a whole number. Set it to the turns, such as 8"),
+        ("toy:a?turns=-1", "turns=-1 must be ≥ 0. Set it to the turns, such as 8"),
         ("toy:a?turns=1&turns=2", "an option is given twice"),
         ("toy:a?turns=", "turns has no value. Give the turns as turns=VALUE, or omit turns"),
         ("toy:a?turns", "the options cannot be read"),
@@ -155,6 +165,130 @@ def test_a_wrong_address_is_one_clear_line(address, text):
         read_address(address)
     assert text in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"name": ""}, "the name of an option must be a non-empty text, got ''"),
+        ({"meaning": ""}, "option 'gain': the meaning must be a non-empty text, got ''"),
+        ({"reads": "integer"}, "option 'gain': reads='integer' is unknown. Use 'text', 'number' or 'whole'"),
+        ({"most": "1"}, "option 'gain': most must be a number, got '1'"),
+    ],
+)
+def test_a_wrong_option_of_a_kind_is_refused(fields, text):
+    with pytest.raises((TypeError, ValueError), match=re.escape(text)):
+        Option(**{"name": "gain", "meaning": "the gain", **fields})
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"options": Option("gain", "the gain")}, "options must be a tuple of Option, such as (Option(...),)"),
+        ({"options": ("gain",)}, "options must be a tuple of Option, such as (Option(...),)"),
+        ({"options": (Option("a", "b"), Option("a", "c"))}, "the option 'a' is declared twice"),
+        ({"target": "maybe"}, "target='maybe' is unknown. Use 'none', 'optional' or 'required'"),
+    ],
+)
+def test_a_wrong_form_of_a_kind_is_refused(fields, text):
+    with pytest.raises((TypeError, ValueError), match=re.escape(text)):
+        AddressForm(**{"scheme": "toy", "example": "toy:NAME", **fields})
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"needs": "at_once"}, "needs='at_once' is not a PolicyNeeds. Use AT_ONCE, OWN_PROCESS, SERVER, STATE,"),
+        ({"form": "toy:NAME"}, "form must be an AddressForm, got 'toy:NAME'"),
+        ({"summary": None}, "summary must be a text, got None"),
+        ({"make": Noop()}, "make must be a function, got a Noop"),
+        ({"make": Noop}, "make must be callable as make(address) (too many positional arguments)"),
+        ({"read": lambda _: None}, "read must be callable as read(text, world) (too many positional arguments)"),
+        ({"make": None}, "make is missing. Pass the function that returns a policy for an address"),
+        ({"needs": STATE}, "make_for is missing. Pass the function that returns a policy for one episode"),
+        ({"needs": lambda _: STATE, "make": None}, "make and make_for are missing"),
+        (
+            {"form": AddressForm(scheme="to:y", example="to:y:NAME")},
+            "scheme 'to:y' must be one word, such as sway",
+        ),
+        (
+            {"form": AddressForm(scheme="toy", example="tyo:NAME")},
+            "the example 'tyo:NAME' is not an address of this kind. Begin it with toy:",
+        ),
+        (
+            {"form": AddressForm(scheme="zoo", example="zoo:NAME")},
+            "another policy kind has the name 'zoo', in betterbench/policies/kinds/zoo.py. Choose another scheme",
+        ),
+    ],
+)
+def test_a_wrong_kind_is_refused_when_it_is_registered(monkeypatch, fields, text):
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS})
+    form = AddressForm(scheme="toy", example="toy:NAME")
+    right = {"form": form, "shown": "toy:NAME", "summary": "A toy.", "needs": AT_ONCE, "make": lambda _: Noop()}
+    with pytest.raises((TypeError, ValueError, InvalidInputError), match=re.escape(text)):
+        register(PolicyKind(**{**right, **fields}))
+
+
+@pytest.mark.parametrize("ask", ["number", "whole", "choice"])
+@pytest.mark.usefixtures("toy")
+def test_an_option_that_the_form_does_not_declare_is_refused(ask):
+    arguments = (("left", "right"), "left") if ask == "choice" else ()
+    text = "policy kind toy: its code reads the option 'gian', which its form does not declare"
+    with pytest.raises(InvalidInputError, match=f"{text}. Did you mean 'gain'"):
+        getattr(read_address("toy:a"), ask)("gian", *arguments)
+
+
+class Idle:
+    info = Noop.info
+
+    def reset(self, start):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("made", "text"),
+    [
+        (None, "policy toy:a: its kind returned None instead of a policy. Return the policy"),
+        (Noop, "policy toy:a: Noop is a class. Pass an instance: Noop(...)"),
+        (Idle(), "policy toy:a: Idle has no 'act'. Define info, reset(start) and act(observation)"),
+    ],
+)
+def test_a_kind_that_returns_no_policy_is_named_before_the_run(toy, monkeypatch, made, text):
+    kinds = {**KINDS, "toy": dataclasses.replace(toy, make=lambda _: made)}
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", kinds)
+    with pytest.raises(InvalidInputError, match=re.escape(text)):
+        check_policy("toy:a")
+
+
+@pytest.mark.parametrize("needs", [STATE, PolicyNeeds(trial=True)], ids=["state", "trial"])
+@pytest.mark.parametrize(
+    ("made", "text"), [(None, "its kind returned None instead of a policy"), (Idle(), "Idle has no 'act'")]
+)
+def test_a_kind_that_returns_no_policy_for_an_episode_is_named(toy, monkeypatch, needs, made, text):
+    kind = dataclasses.replace(toy, needs=needs, make=None, make_for=lambda *_: made)
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS, "toy": kind})
+    with pytest.raises(InvalidInputError, match=f"policy toy:a: {text}"):
+        make_for("toy:a", None)
+
+
+def test_a_mistake_in_the_file_of_a_kind_names_the_file_and_the_line(tmp_path):
+    """The folder of the kinds is read from a copy, in a process of its own."""
+    package = tmp_path / "betterbench"
+    shutil.copytree(betterbench.__path__[0], package, ignore=lambda *_: ["data"])
+    wrong = "from betterbench.policies.kinds.authoring import *\n\nregister(PolicyKind(form=None))\n"
+    (package / "policies" / "kinds" / "toy.py").write_text(wrong)
+    code = """
+from betterbench.errors import InvalidInputError
+try:
+    import betterbench.policies.kinds
+except InvalidInputError as error:
+    print(error)
+"""
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert re.match(
+        r"\S+/kinds/toy.py, line 3: TypeError: .*missing.*'shown'.*\. Correct the file\.$", run.stdout.strip()
+    )
 
 
 def test_a_name_that_no_kind_has_is_no_policy():

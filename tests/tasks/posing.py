@@ -106,6 +106,29 @@ def renamed(state: WorldState) -> WorldState:
     )
 
 
+class Watched(WorldState):
+    """A state that refuses questions about the contacts of bodies that do not exist."""
+
+    @classmethod
+    def of(cls, state: WorldState) -> Watched:
+        """Returns the same state, watched."""
+        return cls(**{field.name: getattr(state, field.name) for field in dataclasses.fields(state)})
+
+    def touching(self, a: str, b: str) -> bool:
+        """Returns whether two bodies touch, after seeing to it that both names exist."""
+        for body in (a, b):
+            known = [o.name for o in self.info.objects] + [
+                "table",
+                "floor",
+                "hand",
+                "arm",
+                "left_finger",
+                "right_finger",
+            ]
+            assert body in known, f"the relation asks about the contacts of {body!r}, which does not exist"
+        return WorldState.touching(self, a, b)
+
+
 def where(name: str, state: WorldState, thing: str, target: str) -> str | None:
     """Returns the place at which a relation sees an object, after seeing to it that no point of view changes that.
 
@@ -119,7 +142,7 @@ def where(name: str, state: WorldState, thing: str, target: str) -> str | None:
         target: Name of the target.
     """
     see = relation(name).where
-    found = see(state, thing, target)
+    found = see(Watched.of(state), thing, target)
     for motion in MOVES:
         assert see(moved(state, motion), thing, target) == found, f"moving the scene by {motion} changes a verdict"
     again = see(renamed(state), other_name(thing), other_name(target))

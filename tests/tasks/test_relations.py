@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -95,8 +96,13 @@ def test_points_of_view_differ_and_keep_distances(at_reset):
 
 
 def test_every_relation_has_its_truth_table():
-    """`inside` and `on_ring` of open containers and machines have theirs in test_predicates."""
-    assert set(RELATIONS) == {"inside", "on_ring", "beside", "in_hole", "layer", "on_plate", "closed"}
+    """`inside` and `on_ring` of open containers and machines have theirs in test_predicates, a new one in its file."""
+    here = {"inside", "on_ring", "beside", "in_hole", "layer", "on_plate", "closed"}
+    assert here <= set(RELATIONS)
+    for name in set(RELATIONS) - here:
+        file = Path(__file__).with_name(f"test_{name}.py")
+        assert file.is_file(), f"write {file.name} with posed objects at every limit (docs/adding-a-relation.md)"
+        assert f'where("{name}", ' in file.read_text(), "ask tests.tasks.posing.where about every limit"
 
 
 # ------------------------------------------------------------------------------------------------------------ beside

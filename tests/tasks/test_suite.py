@@ -66,6 +66,7 @@ def numbered(letters: str) -> list[str]:
 def test_suite_has_ten_tasks_and_sixty_variations():
     """Suite, section 3: 19 layout shifts, 11 recompositions, 15 perturbations and 15 extrapolations."""
     assert {t.id for t in SUITE} == set(SUITE_TABLE)
+    assert all(t.template is TEMPLATES[t.template.name] for t in SUITE)
     for letters in ("".join(SUITE_TABLE.values()), [v.axis.letter for t in SUITE for v in t.variations]):
         assert {letter: letters.count(letter) for letter in "LROT"} == {"L": 19, "R": 11, "O": 15, "T": 15}
 
@@ -84,7 +85,9 @@ def test_conditions_are_numbered_and_variations_begin_with_the_letter_of_their_a
 @each_task
 def test_task_is_complete_and_found_by_name(task):
     assert get_task(task.id) is task
-    assert task.template is TEMPLATES[task.template.name]
+    template = task.template.name
+    same_name = [TEMPLATES.get(template), *(t.template for t in TASKS if t.template.name == template)]
+    assert {id(t) for t in same_name if t is not None} == {id(task.template)}, "two templates have one name"
     assert task.template.relation in RELATIONS
     assert task.version >= 1
     assert task.title

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 from urllib.parse import parse_qsl, urlsplit
 
 from betterbench.errors import InvalidInputError, UnknownNameError, one_line
@@ -21,7 +21,16 @@ Word = TypeVar("Word", bound=str)
 Transport = Literal["websocket", "zeromq", "http"]
 """Transport protocol of a policy server. Websocket and HTTP addresses may contain a path; ZeroMQ addresses may not."""
 
+_Reads = Literal["text", "number", "whole"]
+_Target = Literal["none", "optional", "required"]
+
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
+
+
+def _listed(allowed: object) -> str:
+    """Return the values of a Literal for messages."""
+    *first, last = map(repr, get_args(allowed))
+    return f"{', '.join(first)} or {last}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +46,22 @@ class Option:
 
     name: str
     meaning: str
-    reads: Literal["text", "number", "whole"] = "text"
+    reads: _Reads = "text"
     most: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if a field is not allowed."""
+        name: object = self.name
+        meaning: object = self.meaning
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"the name of an option must be a non-empty text, got {name!r}")
+        where = f"option {name!r}"
+        if not isinstance(meaning, str) or not meaning:
+            raise ValueError(f"{where}: the meaning must be a non-empty text, got {meaning!r}")
+        if self.reads not in get_args(_Reads):
+            raise ValueError(f"{where}: reads={self.reads!r} is unknown. Use {_listed(_Reads)}")
+        if not isinstance(self.most, int | float):
+            raise TypeError(f"{where}: most must be a number, got {self.most!r}")
 
     @property
     def takes_key(self) -> bool:
@@ -109,10 +132,23 @@ class AddressForm:
 
     scheme: str
     example: str
-    target: Literal["none", "optional", "required"] = "required"
+    target: _Target = "required"
     options: tuple[Option, ...] = ()
     transport: Transport | None = None
     port: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if a field is not allowed."""
+        where = f"policy kind {self.scheme}"
+        if self.target not in get_args(_Target):
+            raise ValueError(f"{where}: target={self.target!r} is unknown. Use {_listed(_Target)}")
+        options: object = self.options
+        if not isinstance(options, tuple) or not all(isinstance(option, Option) for option in options):
+            raise ValueError(f"{where}: options must be a tuple of Option, such as (Option(...),)")
+        names = [option.name for option in self.options]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"{where}: the option {twice!r} is declared twice")
 
     def has(self, text: str) -> bool:
         """Return whether an address begins with the scheme of this policy kind.
@@ -298,38 +334,44 @@ class PolicyAddress:
 
         Raises InvalidInputError if the value is not such a number or exceeds the limit of the option.
         """
-        text = self.options.get(name)
+        option, text = self._option(name), self.options.get(name)
         if text is None:
             return default
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        option = self._option(name)
+        value = _number(text)
         if option.most < math.inf and not 0.0 <= value <= option.most:
             raise self.error(f"{name}={text} is out of range", f"Set it to {option.meaning}, from 0 to {option.most:g}")
         if not 0.0 <= value < math.inf:
-            raise self.error(f"{name}={text} must be ≥ 0", f"Set it to {option.meaning}, a number such as 2.5")
+            such = "such as 8" if option.reads == "whole" else "a number such as 2.5"
+            raise self.error(f"{name}={text} must be ≥ 0", f"Set it to {option.meaning}, {such}")
         return value
 
     def _option(self, name: str) -> Option:
-        return next(option for option in self.form.options if option.fits(name))
+        """Return a declared option. Raises InvalidInputError if the form does not declare it."""
+        for option in self.form.options:
+            if option.fits(name):
+                return option
+        unknown = UnknownNameError("option", name, (option.shown for option in self.form.options))
+        raise InvalidInputError(
+            f"policy kind {self.scheme}",
+            f"its code reads the option {name!r}, which its form does not declare",
+            str(unknown).partition(". ")[2].rstrip("."),
+        )
 
     def whole(self, name: str, default: int = 0) -> int:
         """Return the value of an option as an integer ≥ 0. Raises InvalidInputError for any other value."""
-        value = self.number(name, float(default))
-        if value != int(value):
-            text = self.options[name]
-            raise self.error(
-                f"{name}={text} must be a whole number", f"Set it to {self._option(name).meaning}, such as 8"
-            )
-        return int(value)
+        option, text = self._option(name), self.options.get(name)
+        if text is None:
+            return default
+        if not _number(text).is_integer():
+            raise self.error(f"{name}={text} must be a whole number", f"Set it to {option.meaning}, such as 8")
+        return int(self.number(name))
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
         """Return the value of an option that must be one of the given words.
 
         Raises UnknownNameError for any other word.
         """
+        self._option(name)
         if name not in self.options:
             return default
         for word in choices:
@@ -340,3 +382,11 @@ class PolicyAddress:
     def __str__(self) -> str:
         """Return the address as the user wrote it."""
         return self.text
+
+
+def _number(text: str) -> float:
+    """Return the number in a text, or NaN if there is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

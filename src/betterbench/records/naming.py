@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 from collections import Counter
@@ -11,12 +12,31 @@ from pathlib import Path
 from betterbench.errors import InvalidInputError
 from betterbench.records.run import RunFolder
 
-BUILT_IN = re.compile(r"expert|noop|random|(expert|zoo|probe|replay|independent|learned):.*", re.IGNORECASE)
-"""Names that are reserved for built-in policies.
+_KINDS = Path(__file__).parents[1] / "policies" / "kinds"
+_REGISTERS = re.compile(r"^\w+ = register(_privileged)?\(", re.MULTILINE)
+_EXTERNAL = re.compile(r"\b(OWN_PROCESS|SERVER|thread=True)\b")
+_SCHEME = re.compile(r'\bscheme="([\w.+-]+)"')
+_BARE = re.compile(r'\btarget="(none|optional)"')
 
-If a user's policy declares one of them, its address is shown instead. The names are repeated here because reading
-records must not import the policy kinds. A test compares them.
-"""
+
+@functools.cache
+def built_in_names() -> re.Pattern[str]:
+    """Return the pattern of the names that are reserved for built-in policies.
+
+    If a user's policy declares one of them, its address is shown instead. The names are read from the text of the
+    files in ``policies/kinds``, because reading records must not import the policy kinds. The scheme is the literal
+    ``scheme="NAME"``, or else the name of the file. A test compares them with the registered kinds.
+    """
+    names = []
+    for file in sorted(_KINDS.glob("*.py")):
+        text = file.read_text(encoding="utf-8")
+        if _REGISTERS.search(text) and not _EXTERNAL.search(text):
+            literal = _SCHEME.findall(text)
+            schemes = [re.escape(scheme) for scheme in literal or [file.stem]]
+            names += [f"{scheme}:.*" for scheme in schemes]
+            names += schemes if not literal or _BARE.search(text) else []
+    return re.compile("|".join(names), re.IGNORECASE)
+
 
 MOST_CHARACTERS = 80
 """Maximum number of characters in the name of a run. Longer names are truncated to keep pages and tables readable."""
@@ -69,7 +89,7 @@ def _declared(run: RunFolder) -> str:
     """Return the name that a run's policy declares, or else the address of the policy."""
     policy, address = run.context.get("policy"), _shown(run.plan.get("policy", "policy"))
     name = _shown(policy.get("name")) if isinstance(policy, dict) else ""
-    return address if not name or BUILT_IN.fullmatch(name) else name
+    return address if not name or name == address or built_in_names().fullmatch(name) else name
 
 
 def _shown(name: object) -> str:

@@ -6,6 +6,7 @@ are defined here, including those that the diagnosis uses as well. Thresholds th
 failure mode defines its own thresholds.
 """
 
+import math
 from dataclasses import dataclass
 
 
@@ -51,6 +52,9 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
     """
     if name in _TABLE:
         raise ValueError(f"the threshold {name!r} already exists")
+    given: object = value
+    if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
+        raise ValueError(f"the value of the threshold {name!r} must be a finite number, got {given!r}")
     _TABLE[name] = Threshold(name, value, unit, reason, effect, listed)
     return value
 

@@ -18,7 +18,6 @@ import os
 import re
 import sys
 import threading
-import traceback
 import types
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, errors_explained
 from betterbench.json_form import read_bounded
 from betterbench.quoting import shell_word
 from betterbench.tasks.renamed import with_present_names
@@ -234,7 +233,7 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
 
     @functools.wraps(make)
     def explained(*args: P.args, **kwargs: P.kwargs) -> T:
-        with _errors_explained(here.path):
+        with errors_explained(here.path):
             return make(*args, **kwargs)
 
     _origins[kind, name], _makers[kind, name] = here, explained
@@ -370,7 +369,7 @@ def explaining(kind: str, name: str) -> Iterator[None]:
     if origin is None:
         yield
         return
-    with _errors_explained(origin.path):
+    with errors_explained(origin.path):
         yield
 
 
@@ -511,30 +510,10 @@ def _registering(origin: _Origin) -> Iterator[None]:
     """
     _loading.append(origin)
     try:
-        with _errors_explained(origin.path):
+        with errors_explained(origin.path):
             yield
         for (kind, name), make in tuple(_makers.items()):
             if kind == "task" and _origins[kind, name] is origin:
                 make()
     finally:
         _loading.pop()
-
-
-@contextmanager
-def _errors_explained(path: str) -> Iterator[None]:
-    """Context manager that adds the file and the line to an error raised in a user's file.
-
-    Raises:
-        InvalidInputError: If the file raises an error.
-    """
-    try:
-        yield
-    except Exception as error:
-        if isinstance(error, InvalidInputError) and path in error.where:
-            raise
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
-        line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
-        text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split()).rstrip(".")
-        problem = text if isinstance(error, BetterError) else f"{type(error).__name__}: {text}"
-        where = path if line is None else f"{path}, line {line}"
-        raise InvalidInputError(where, problem, "Correct the file") from error

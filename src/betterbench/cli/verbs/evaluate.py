@@ -555,7 +555,8 @@ def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
     """Print why the expert failed in its first failed trial, and the command that shows this trial."""
     from betterbench.tasks.user_files import options_for
 
-    failed = [e for e in run.entries() if e.status == "done" and e.key not in ambiguous and not run.outcome(e).success]
+    done = [e for e in run.entries() if e.status == "done" and e.message is None and e.key not in ambiguous]
+    failed = [e for e in done if not run.outcome(e).success]
     if not failed:
         return
     first = next((e for e in failed if e.ground_truth.get("mishap")), failed[0])

@@ -86,9 +86,10 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
             for t in tasks
         ]
     if what == "templates":
+        own = {task.template.name: task.template for task in tasks if task.template.name not in TEMPLATES}
         return ["template", "title", "tasks", "challenge"], [
             [t.name, t.title, ", ".join(task.id for task in tasks if task.template is t), t.challenge]
-            for t in TEMPLATES.values()
+            for t in (*TEMPLATES.values(), *own.values())
         ]
     return ["variation", "axis", "from", "expected", "support", "what changes"], [
         [f"{t.id}/{v.name}", v.axis.value, v.base, v.expected.value, v.support.value, v.title]

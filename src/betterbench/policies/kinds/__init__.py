@@ -8,7 +8,9 @@ imports the files of all kinds.
 
 import importlib
 import pkgutil
+from pathlib import Path
 
+from betterbench.errors import errors_explained
 from betterbench.policies.kinds.kind import (
     KINDS,
     PolicyEntry,
@@ -26,7 +28,8 @@ from betterbench.policies.kinds.kind import (
 )
 
 for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
+        importlib.import_module(f"{__name__}.{_module.name}")
 
 __all__ = [
     "KINDS",

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Protocol, cast
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError, require_parameters
+from betterbench.interface.policy import require_policy
 from betterbench.policies.address import AddressForm, PolicyAddress
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from betterbench.interface import Policy, PolicyInfo
     from betterbench.interface.state import AnyPolicy, PrivilegedPolicy
     from betterbench.sim.scenes import Scene
@@ -107,6 +113,19 @@ def _leaves_open(address: PolicyAddress) -> str | None:
     return None
 
 
+_FUNCTIONS = {
+    "make": "address",
+    "make_for": "address, scene, trial",
+    "named": "",
+    "read": "text, world",
+    "source_of": "address",
+    "describe": "address",
+    "require_world": "address, world",
+    "space_in_world": "address",
+}
+"""Parameters of each function of a kind."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
     """Kind of policies, with the format of their addresses, their needs, and the functions that create them.
@@ -155,6 +174,29 @@ class PolicyKind:
     space_in_world: Callable[[PolicyAddress], str | None] = _leaves_open
     spaces: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Raise TypeError, ValueError or InvalidInputError if a field is not allowed."""
+        if not isinstance(self.form, AddressForm):
+            raise TypeError(f"form must be an AddressForm, got {self.form!r}")
+        where = f"policy kind {self.name}"
+        for name in ("shown", "summary", "risk"):
+            if not isinstance(getattr(self, name), str):
+                raise TypeError(f"{where}: {name} must be a text, got {getattr(self, name)!r}")
+        needs: object = self.needs
+        if not isinstance(needs, PolicyNeeds) and not callable(needs):
+            known = "AT_ONCE, OWN_PROCESS, SERVER, STATE, PolicyNeeds(...) or a function of the address"
+            raise TypeError(f"{where}: needs={needs!r} is not a PolicyNeeds. Use {known}")
+        if callable(needs):
+            require_parameters(where, "needs", needs, "address")
+        for name, parameters in _FUNCTIONS.items():
+            value = getattr(self, name)
+            if value is None and name in ("make", "make_for", "named", "read", "source_of"):
+                continue
+            if not callable(value):
+                raise TypeError(f"{where}: {name} must be a function, got a {type(value).__name__}")
+            if parameters:
+                require_parameters(where, name, value, parameters)
+
     @property
     def name(self) -> str:
         """Name of the kind, which is the prefix of its addresses."""
@@ -192,16 +234,52 @@ class PolicyKind:
 KINDS: dict[str, PolicyKind] = {}
 """All registered policy kinds, by name."""
 
+_DEFINED_IN: dict[str, str] = {}
+
 
 def register(kind: PolicyKind) -> PolicyKind:
     """Add a policy kind to the registry, and return the kind.
 
     Raises:
-        ValueError: If another kind has the same name.
+        ValueError: If another kind has the same name, if the scheme is not one word, if the example is not an
+            address of the kind, or if the function that makes the policies is missing.
     """
-    if KINDS.setdefault(kind.name, kind) is not kind:
-        raise ValueError(f"another policy kind has the name {kind.name!r}. Choose another scheme")
+    if kind.name in KINDS:
+        place = f", in {_DEFINED_IN[kind.name]}" if kind.name in _DEFINED_IN else ""
+        raise ValueError(f"another policy kind has the name {kind.name!r}{place}. Choose another scheme")
+    if not re.fullmatch(r"\w[\w.+-]*", kind.name):
+        raise ValueError(f"scheme {kind.name!r} must be one word, such as sway")
+    if kind.summary:  # without a summary, a kind only explains why its addresses are rejected
+        _require_complete(kind)
+    KINDS[kind.name] = kind
+    _DEFINED_IN[kind.name] = _registering_file()
     return kind
+
+
+def _require_complete(kind: PolicyKind) -> None:
+    """Raise ValueError if the example is wrong or the function that makes the policies is missing."""
+    where, form = f"policy kind {kind.name}", kind.form
+    if not form.has(form.example):
+        begin = form.scheme if form.target == "none" else f"{form.scheme}:"
+        raise ValueError(f"{where}: the example {form.example!r} is not an address of this kind. Begin it with {begin}")
+    if not isinstance(kind.needs, PolicyNeeds):
+        if kind.make is None and kind.make_for is None:
+            raise ValueError(f"{where}: make and make_for are missing. Pass the functions that return a policy")
+    elif kind.needs.state or kind.needs.trial:
+        if kind.make_for is None:
+            raise ValueError(f"{where}: make_for is missing. Pass the function that returns a policy for one episode")
+    elif kind.make is None:
+        raise ValueError(f"{where}: make is missing. Pass the function that returns a policy for an address")
+
+
+def _registering_file() -> str:
+    """Return the file that registers a kind, as a path in the package or as a file name."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_code.co_name != "<module>":
+        frame = frame.f_back
+    path = Path("" if frame is None else frame.f_code.co_filename)
+    package = Path(__file__).parents[3]
+    return path.relative_to(package).as_posix() if path.is_relative_to(package) else path.name
 
 
 def find_kind(address: str) -> PolicyKind | None:
@@ -285,7 +363,10 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     read = kind.parse(address, world=world)
     if kind.make is None:
         raise read.error("this policy can only be created for the scene of one episode", "Evaluate it with better eval")
-    return kind.make(read)
+    made = kind.make(read)
+    _require_present(made, read)
+    require_policy(made, f"policy {read}")
+    return made
 
 
 def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None) -> AnyPolicy:
@@ -304,7 +385,17 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
             "this policy is created once for many episodes, not for each episode",
             "Create it with make_policy, and pass it observations",
         )
-    return kind.make_for(read, scene, trial)
+    made = kind.make_for(read, scene, trial)
+    _require_present(made, read)
+    if not hasattr(made, "act_on_state"):
+        require_policy(made, f"policy {read}")
+    return made
+
+
+def _require_present(made: object, address: PolicyAddress) -> None:
+    """Raise InvalidInputError if a kind has returned None instead of a policy."""
+    if made is None:
+        raise address.error("its kind returned None instead of a policy", "Return the policy")
 
 
 def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:

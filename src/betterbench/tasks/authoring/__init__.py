@@ -107,6 +107,9 @@ def subgoal(
     slot. The relation must hold between the accepted object and the target. If the target has several regions,
     ``region`` is the name of the region that is meant.
     """
+    given: object = relation
+    if not isinstance(given, Relation):
+        raise TypeError(f"subgoal(name, relation, ...): relation must be a Relation such as a.INSIDE, got {given!r}")
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)
 

@@ -46,6 +46,10 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
         if len(names) < goal.count:
             problems.append(f"the instruction names {goal.word!r}, but the scene has {len(names)} of {goal.count}")
             continue
+        if goal.region not in relation(goal.relation).regions(info.object(goal.target)):
+            region = f"the region {goal.region!r}" if goal.region else "a region"
+            problems.append(f"the asset of the target {goal.target} lacks {region} for the relation {goal.relation}")
+            continue
         there = sum(relation(goal.relation).holds(state, name, goal.target, goal.region) for name in names)
         done += there >= goal.count
     if condition.expected is Expected.STAY_STILL and done < len(condition.instruction.subgoals):

@@ -6,13 +6,16 @@ are found automatically.
 
 import importlib
 import pkgutil
+from pathlib import Path
 
+from betterbench.errors import errors_explained
 from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, is_at, relation
 from betterbench.tasks.relations.released import released
 from betterbench.tasks.relations.rest import RestWatch, arm_still, lies_on_side, on_floor, upright
 
 for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
+        importlib.import_module(f"{__name__}.{_module.name}")
 
 __all__ = [
     "RELATIONS",

@@ -1,12 +1,14 @@
 """Relations between an object and a target, and the registry of all relations."""
 
+import string
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from betterbench.errors import PlanningError, find_named
+from betterbench.errors import InvalidInputError, PlanningError, UnknownNameError, find_named, require_parameters
 from betterbench.geometry import Pose, Vector
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.rest import on_floor
+from betterbench.tasks.thresholds import threshold_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,21 +147,77 @@ def register(relation: Relation) -> Relation:
 
     Raises:
         ValueError: If there is already a relation with this name.
+        InvalidInputError: If a field is not allowed.
+        UnknownNameError: If a tolerance is not the name of a threshold.
     """
     if relation.name in RELATIONS:
         raise ValueError(f"the relation {relation.name!r} already exists: {RELATIONS[relation.name].words}")
-    loosely = None if relation.loosely is None else _on_the_table(relation.loosely)
-    relation = replace(relation, where=_on_the_table(relation.where), loosely=loosely)
+    _require_complete(relation)
+    loosely = None if relation.loosely is None else _on_the_table(relation.loosely, relation.name)
+    relation = replace(relation, where=_on_the_table(relation.where, relation.name), loosely=loosely)
     RELATIONS[relation.name] = relation
     return relation
 
 
-def _on_the_table(where: Where) -> Where:
+_FUNCTIONS = {
+    "where": ("state, object, target", "Use where=single(test) for a test that returns True or False"),
+    "loosely": ("state, object, target", 'Return the name of a region, "" or None, as where does'),
+    "regions": ("info", 'Use regions=offers("top"), or offers_each("left", "right")'),
+    "goals": ("state, object, target, region", "Return a tuple of PlaceGoal"),
+    "surface": ("regions, region", 'Use surface=surface_of("top")'),
+}
+"""Parameters of each function of a relation, and advice for messages."""
+
+
+def _require_complete(relation: Relation) -> None:
+    """Raise InvalidInputError or UnknownNameError if a field of a relation is not allowed."""
+    title = f"relation {relation.name}"
+    for name, (parameters, advice) in _FUNCTIONS.items():
+        function = getattr(relation, name)
+        if function is None and name in ("loosely", "goals", "surface"):
+            continue
+        if not callable(function):
+            raise InvalidInputError(title, f"{name} is not a function, but {function!r}", advice)
+        require_parameters(title, name, function, parameters)
+    if getattr(relation.where, "__annotations__", {}).get("return") in (bool, "bool"):
+        raise InvalidInputError(title, "where returns True or False, not a region", _FUNCTIONS["where"][1])
+    fields = [field for _, field, *_ in string.Formatter().parse(relation.words) if field is not None]
+    if not {"object", "target"} <= set(fields) <= {"object", "target", "region"}:
+        cure = 'Write a phrase such as "{object} stands on {target}", with {region} if a target has several regions'
+        raise InvalidInputError(title, f"words is {relation.words!r}", cure)
+    for name in ("needs", "tolerances", "roles"):
+        if not isinstance(getattr(relation, name), tuple):
+            problem = f"{name} must be a tuple of names, got {getattr(relation, name)!r}"
+            raise InvalidInputError(title, problem, f'Write {name}=("NAME",), with a comma')
+    known = {entry.name for entry in threshold_table()}
+    for name in relation.tolerances:
+        if name not in known:
+            raise UnknownNameError(f"threshold in the tolerances of the relation {relation.name}", name, known)
+    needed = tuple(Region(name, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01)) for name in relation.needs)
+    targets = [
+        ObjectInfo("target", "", "", "", "", "", role, False, 1.0, (0.1, 0.1, 0.1), regions=needed)
+        for role in ("container", "fixture", "drawer", "item")
+    ]
+    if needed and not any(map(relation.regions, targets)):
+        problem = f"an asset with the regions in needs ({', '.join(relation.needs)}) is not a target for regions"
+        raise InvalidInputError(title, problem, "Name the same regions in needs and in regions")
+    if relation.goals is None and relation.roles != ("drawer",):
+        problem = "it has no goals, so the expert cannot achieve it"
+        raise InvalidInputError(title, problem, 'Give goals, or roles=("drawer",) for objects that slide in a mount')
+
+
+def _on_the_table(where: Where, relation: str) -> Where:
     """Return a variant of ``where`` that returns None if the object or the target is on the floor."""
 
     def guarded(state: WorldState, name: str, target: str) -> str | None:
         place = where(state, name, target)
-        return None if place is None or on_floor(state, name) or on_floor(state, target) else place
+        if place is None:
+            return None
+        found: object = place
+        if not isinstance(found, str):
+            problem = f"where or loosely returned {found!r}, not the name of a region, an empty text or None"
+            raise InvalidInputError(f"relation {relation}", problem, _FUNCTIONS["where"][1])
+        return None if on_floor(state, name) or on_floor(state, target) else place
 
     return guarded
 

@@ -1,0 +1,39 @@
+"""A copy of code and tests into which files of a page are put where the page says, and commands that run there."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def copy_checkout(root: Path, files: dict[str, str]) -> Path:
+    """Copies code and tests into a folder and writes files there, by their path in the checkout."""
+    for folder in ("src", "tests"):
+        shutil.copytree(ROOT / folder, root / folder)  # with times and bytecode, so that little is compiled again
+    shutil.copy(ROOT / "pyproject.toml", root)
+    for path, text in files.items():
+        assert not (root / path).exists(), "the page describes a new file"
+        (root / path).write_text(text, encoding="utf-8")
+    return root
+
+
+def attempt(checkout: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    """Returns a command of Python that has ended in the copy."""
+    # Task files that other tests have loaded into this process are named to its children by such variables.
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
+    environment = {**kept, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": ""}
+    return subprocess.run(
+        [sys.executable, *command], cwd=checkout, capture_output=True, text=True, env=environment, check=False
+    )
+
+
+def run(checkout: Path, *command: str) -> str:
+    """Returns what a command prints in the copy; it has to end well."""
+    done = attempt(checkout, *command)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
