@@ -15,6 +15,7 @@ from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.records import RunFolder
+from betterbench.report.headline import verdict_line
 from betterbench.sim.worlds import World, world_named
 from betterbench.sim.worlds.registry import forget_world
 from betterbench.tasks import user_files
@@ -63,6 +64,12 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
     assert {r.metadata.predicate_names for r in records} == {("at(hand, mark)",)}
     assert {t.label.value for t in diagnose_run(runs["goes"]).trials} == {"success"}
     assert {t.label.value for t in diagnose_run(runs["noop"]).trials} == {"timeout"}
+    found = diagnose_run(runs["noop"])
+    assert {m.name for m in found.metrics} == {"success_rate", "system_failure_rate", "progress"}
+    said = " ".join((*found.findings, verdict_line(found)))
+    assert "The step limit is reached: 5/5 trials of point-left base." in said
+    assert "It does not reach the goal before the step limit" in said
+    assert not re.search("attempt|grasp|mistake|execution|wrong", said)
     page = (folder / "runs" / "goes" / "report" / "index.html").read_text(encoding="utf-8")
     assert "move the hand to the left" in page
     assert "Point" in page

@@ -13,6 +13,10 @@ from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.worlds.libero_plus import axis_of
 
 
+OUTCOME_ALONE = "outcome_alone"
+"""Evidence rule of a failed trial in a world in which only the outcome of each trial is judged."""
+
+
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """Reason for a label, with the part of the episode in which it was found.
