@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import main
-from betterbench.errors import BetterError, InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.sim.worlds.registry import forget_world
 from betterbench.tasks import user_files
@@ -54,7 +54,7 @@ LAX = ("tasks = asked.chosen(SIDES)", "tasks = [task for task in SIDES if not as
 
 def test_a_world_that_plans_no_trial_is_told_so(load):
     load(LAX)
-    with pytest.raises(UnknownNameError, match="task 'point-purple'.*Known: point-left, point-right"):
+    with pytest.raises(UnknownNameError, match=r"task 'point-purple'.*Known: point-left, point-right"):
         make_world_plan("noop", suite="point", tasks=["point-purple"])
     with pytest.raises(InvalidInputError, match=r"'point'.*no trial"):
         make_world_plan("noop", suite="point", trials=0)
@@ -78,3 +78,64 @@ def test_the_next_command_loads_the_file_of_the_world(load, capfd):
     assert main(["eval", *words, "--policy", "noop", "--out", "run"]) == 0
     (following,) = re.findall(r"^next +(.*)$", capfd.readouterr().out, flags=re.MULTILINE)
     assert following.endswith(f"report {path.parent / 'run'} --task-file {path}")
+
+
+SUITE = 'Suite("point", "point", None, len(SIDES), "a mark on the left or on the right")'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("register_world(PointWorld())", "register_world(PointWorld)", r"PointWorld: this is a class.*PointWorld\(\)"),
+        ('title="Point",', 'title="Point", reading="outcome",', "Unknown reading 'outcome'.*Did you mean 'outcomes'"),
+        ("    facts: ClassVar = WorldFacts(", "    facts: ClassVar = dict(", "'point'|facts.*WorldFacts"),
+        (SUITE, SUITE.replace('"point", None', '"boat", None'), "suite 'point'.*base.*'boat'"),
+        (SUITE, SUITE.replace('"point", "point"', '"dot", "point"'), "suite 'point'.*key.*'dot'"),
+        (SUITE, '"a mark on the left"', "suite 'point'.*a str.*Suite"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_the_facts_is_one_error_with_file_and_line(load, old, new, message):
+    with pytest.raises(InvalidInputError, match=rf"point\.py, line \d+: .*(?:{message})"):
+        load((old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"succeed")', '"success")', "expected='success'.*'succeed'"),
+        ("return tuple(Trial(task,", "return tuple(Trial(task[2:],", "'int-left'.*does not begin with.*'point'"),
+        ("return tuple(Trial(task,", "return tuple((task,", "not a tuple of Trial"),
+    ],
+)
+def test_a_trial_of_a_wrong_form_is_refused_before_the_run(load, old, new, message):
+    load((old, new))
+    with pytest.raises(InvalidInputError, match=message):
+        make_world_plan("noop", suite="point")
+
+
+WHOLE = """    def relations(self):
+        \"\"\"Return whether the gripper is at the mark.\"\"\"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('return {"at(hand, mark)": bool(', "return (bool(", None),
+        (WHOLE, WHOLE.replace("relations", "relation"), r"abstract.*relation.* \(point\.py, line \d+, in open_"),
+        ("self.hand = np.zeros(3)", "self.hand = np.zeros(2)", r"\.start: self\.hand has shape \(2,\).*\(3,\)"),
+        ("self.hand = np.zeros(3)", "self.hant = np.zeros(3)", r"PointScene\.start: self\.hand is missing.*\(3,\)"),
+        ("away_m, 0.0]])", "away_m, 0.0]] * 2)", r"start: self\.positions has shape \(2, 3\).*\(1, 3\)"),
+        ("away_m, 0.0]])", "away_m, np.nan]])", r"start: self\.positions.*finite"),
+        ("self.task.id, self.seed", "self.tusk.id, self.seed", r"AttributeError.*tusk.*point\.py, line \d+, in start"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_the_scene_is_the_message_of_its_trial(load, capfd, old, new, message):
+    if message is None:  # the closing brace goes as well
+        new_text = "return bool(np.linalg.norm(self.hand - self.positions[0]) < 0.03)"
+        old, new = re.search(r"return \{\"at\(hand.*\}", WORLD).group(), new_text
+        message = r"PointScene\.relations: it returned False.*dict"
+    path = load((old, new))
+    words = ["--task-file", str(path), "--suite", "point", "--tasks", "point-left", "--trials", "1"]
+    assert main(["eval", *words, "--policy", "noop", "--out", "run"]) == 2
+    assert re.search(message, " ".join(capfd.readouterr().err.split()))

@@ -77,16 +77,16 @@ def _planned(world: World, asked: PlanRequest) -> tuple[tuple[Trial, ...], World
         UnknownNameError: If none of the requested tasks exists.
         InvalidInputError: If no trial is planned, or if the world's code is wrong.
     """
-    refused: BetterError | None = None
+    found: tuple[tuple[Trial, ...], World] | BetterError
     with explaining("world", world.name):
         try:
             found = world.plan(asked)
         except BetterError as error:  # about the options of the user, not about the file of the world
-            refused = error
+            found = error
         else:
             _require_plan(world, asked, found)
-    if refused is not None:
-        raise refused
+    if isinstance(found, BetterError):
+        raise found
     trials, used = found
     if not trials and asked.tasks:
         whole, _ = _planned(world, replace(asked, tasks=()))
@@ -110,7 +110,9 @@ def _require_plan(world: World, asked: PlanRequest, found: object) -> None:
     for trial in found[0]:
         if trial.expected not in tuple(Expected):
             raise InvalidInputError(
-                where, f"a trial has expected={trial.expected!r}", f"Use one of {', '.join(map(repr, map(str, Expected)))}"
+                where,
+                f"a trial has expected={trial.expected!r}",
+                f"Use one of {', '.join(map(repr, map(str, Expected)))}",
             )
         if suite is None or world.facts.measured:
             continue  # betterbench's own tasks have names without a suite
