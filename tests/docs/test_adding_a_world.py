@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import shlex
@@ -16,10 +17,12 @@ from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.records import RunFolder
 from betterbench.report.headline import verdict_line
-from betterbench.sim.worlds import World, world_named
+from betterbench.sim.worlds import PlanRequest, World, world_named
+from betterbench.sim.worlds.bare import BareScene
 from betterbench.sim.worlds.registry import forget_world
 from betterbench.tasks import user_files
-from betterbench.tasks.worlds.facts import WorldFacts
+from betterbench.tasks.trial import Trial
+from betterbench.tasks.worlds.facts import Suite, WorldFacts
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "adding-a-world.md").read_text(encoding="utf-8")
@@ -86,6 +89,10 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
 def test_each_member_of_a_world_is_explained():
     for name in WorldFacts.__dataclass_fields__:
         assert f"`{name}`" in PAGE
+    for name in (*Suite.__dataclass_fields__, *Trial.__dataclass_fields__, *PlanRequest.__dataclass_fields__):
+        assert f"`{name}`" in PAGE
+    for name in (*BareScene.__abstractmethods__, *inspect.signature(BareScene.__init__).parameters):
+        assert name == "self" or f"`{name}`" in PAGE or f"`{name}(" in PAGE
     for name in vars(World):
         assert name.startswith("_") or name in ("facts", "name", "is_ready") or f"`{name}`" in PAGE
 
