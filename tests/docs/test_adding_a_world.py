@@ -86,6 +86,23 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
         RunFolder.open(folder / "runs" / "goes")
 
 
+def test_commands_for_own_scenes_say_that_they_serve_no_other_world(followed, capfd):
+    record, ours = "runs/noop/records/point-left/base/0.parquet", "betterbench's own scenes"
+    task = f"task 'point-left': it is a task of Point, .*{ours} only.*fast_food"
+    for words, message in (
+        (["list", "tasks", "--suite", "point"], f"suite 'point': it is a suite of Point, .*{ours} only.*better60"),
+        (["list", "tasks", "--tasks", "point-left"], task),
+        (["show", "point-left"], task),
+        (["replay", record, "--check"], task),
+        (["replay", record], f"no MuJoCo model.*{ours} only"),
+        (["view", record], f"no MuJoCo model.*{ours} only"),
+    ):
+        assert main([*words, "--task-file", "point.py"]) == 2
+        assert re.search(message, " ".join(capfd.readouterr().err.split())), words
+    assert main(["show", "fast_fod"]) == 2
+    assert "Unknown task 'fast_fod'" in capfd.readouterr().err
+
+
 def test_each_member_of_a_world_is_explained():
     for name in WorldFacts.__dataclass_fields__:
         assert f"`{name}`" in PAGE
