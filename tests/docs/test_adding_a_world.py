@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import shlex
 from pathlib import Path
 
 import pytest
+from tests.docs.test_adding_a_task import run
 
+import betterbench
 from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.records import RunFolder
-from betterbench.sim.worlds import World, world_named
+from betterbench.report.headline import verdict_line
+from betterbench.sim.worlds import PlanRequest, World, world_named
+from betterbench.sim.worlds.bare import BareScene
 from betterbench.sim.worlds.registry import forget_world
 from betterbench.tasks import user_files
-from betterbench.tasks.worlds.facts import WorldFacts
+from betterbench.tasks.trial import Trial
+from betterbench.tasks.worlds.facts import Suite, WorldFacts
 
-PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-world.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "adding-a-world.md").read_text(encoding="utf-8")
 WORLD, POLICY = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
 (COMMANDS,) = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
 
@@ -60,6 +67,12 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
     assert {r.metadata.predicate_names for r in records} == {("at(hand, mark)",)}
     assert {t.label.value for t in diagnose_run(runs["goes"]).trials} == {"success"}
     assert {t.label.value for t in diagnose_run(runs["noop"]).trials} == {"timeout"}
+    found = diagnose_run(runs["noop"])
+    assert {m.name for m in found.metrics} == {"success_rate", "system_failure_rate", "progress"}
+    said = " ".join((*found.findings, verdict_line(found)))
+    assert "The step limit is reached: 5/5 trials of point-left base." in said
+    assert "It does not reach the goal before the step limit" in said
+    assert not re.search("attempt|grasp|mistake|execution|wrong", said)
     page = (folder / "runs" / "goes" / "report" / "index.html").read_text(encoding="utf-8")
     assert "move the hand to the left" in page
     assert "Point" in page
@@ -73,8 +86,56 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
         RunFolder.open(folder / "runs" / "goes")
 
 
+def test_commands_for_own_scenes_say_that_they_serve_no_other_world(followed, capfd):
+    record, ours = "runs/noop/records/point-left/base/0.parquet", "betterbench's own scenes"
+    task = f"task 'point-left': it is a task of Point, .*{ours} only.*fast_food"
+    for words, message in (
+        (["list", "tasks", "--suite", "point"], f"suite 'point': it is a suite of Point, .*{ours} only.*better60"),
+        (["list", "tasks", "--tasks", "point-left"], task),
+        (["show", "point-left"], task),
+        (["replay", record, "--check"], task),
+        (["replay", record], f"no MuJoCo model.*{ours} only"),
+        (["view", record], f"no MuJoCo model.*{ours} only"),
+    ):
+        assert main([*words, "--task-file", "point.py"]) == 2
+        assert re.search(message, " ".join(capfd.readouterr().err.split())), words
+    assert main(["show", "fast_fod"]) == 2
+    assert "Unknown task 'fast_fod'" in capfd.readouterr().err
+
+
 def test_each_member_of_a_world_is_explained():
     for name in WorldFacts.__dataclass_fields__:
         assert f"`{name}`" in PAGE
+    for name in (*Suite.__dataclass_fields__, *Trial.__dataclass_fields__, *PlanRequest.__dataclass_fields__):
+        assert f"`{name}`" in PAGE
+    for name in (*BareScene.__abstractmethods__, *inspect.signature(BareScene.__init__).parameters):
+        assert name == "self" or f"`{name}`" in PAGE or f"`{name}(" in PAGE
     for name in vars(World):
         assert name.startswith("_") or name in ("facts", "name", "is_ready") or f"`{name}`" in PAGE
+
+
+def linked(folder: Path, source: Path, changed: str) -> Path:
+    """Makes a folder with links to all that is in the source, but real folders on the path that is to be changed."""
+    folder.mkdir()
+    first, _, rest = changed.partition("/")
+    for found in source.iterdir():
+        if found.name != first:
+            (folder / found.name).symlink_to(found)
+    return linked(folder / first, source / first, rest) if (source / first).is_dir() else folder
+
+
+def test_the_named_test_passes_with_the_world_in_its_real_folder(tmp_path):
+    (home,) = re.findall(r"folder with its name in `src/betterbench/(.*?)/`", " ".join(PAGE.split()))
+    (named,) = re.findall(r"`(tests/\S+\.py)` tests all worlds", PAGE)
+    for name in ("tests", "requirements", "pyproject.toml"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "src").mkdir()
+    package = Path(betterbench.__path__[0])
+    worlds = linked(tmp_path / "src" / package.name, package, f"{home}/point/__init__.py")
+    (worlds / "point").mkdir()
+    (worlds / "point" / "__init__.py").write_text(WORLD, encoding="utf-8")
+    names = "from betterbench.sim.worlds import world_names; print(world_names())"
+    both = f"import sys, pytest; {names}; sys.exit(pytest.main(sys.argv[1:]))"
+    said = run(tmp_path, "-c", both, "-q", "-p", "no:cacheprovider", named)
+    assert "'point'" in said.splitlines()[0]
+    assert "passed" in said

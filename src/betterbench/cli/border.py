@@ -1,4 +1,4 @@
-"""Range checks for numeric options, and a wrapper that reserves standard output for a JSON document."""
+"""Checks of numeric options, reservation of standard output for a JSON document, and errors about other worlds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, get_type_hints
 
 from betterbench.cli.console import document_alone
-from betterbench.errors import require_between
+from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, require_between
 
 LIMITS: Mapping[str, tuple[float, float]] = {
     "alpha": (1e-9, 1.0),
@@ -95,3 +95,20 @@ def _numbers(options: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
             yield from _numbers({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
         elif isinstance(value, int | float) and not isinstance(value, bool):
             yield name, value
+
+
+def in_other_world(error: BetterError) -> BetterError:
+    """Return the error to show: the given one, or that a command does not serve the world of a task or suite."""
+    if not isinstance(error, UnknownNameError) or error.kind not in ("task", "suite"):
+        return error
+    from betterbench.tasks.worlds.facts import OURS, facts_of_suite, facts_of_task
+
+    world_of = facts_of_task if error.kind == "task" else facts_of_suite
+    found = world_of(error.name)
+    if found is None or found is OURS or any(world_of(name) is found for name in error.known):
+        return error
+    return InvalidInputError(
+        f"{error.kind} {error.name!r}",
+        f"it is a {error.kind} of {found.title}, but this command serves betterbench's own scenes only",
+        f"Use one of {', '.join(error.known)}",
+    )

@@ -18,7 +18,7 @@ from typing import Any, Literal, get_type_hints
 import tyro
 
 from betterbench.cli import EXIT_INTERRUPTED, was_interrupted
-from betterbench.cli.border import guarded
+from betterbench.cli.border import guarded, in_other_world
 from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_patient, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
 from betterbench.errors import (
@@ -214,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         if was_interrupted():  # the interrupt also ended a child process
             return _interrupted(given)
-        complain(str(error))
+        complain(str(in_other_world(error)))
         return EXIT_BAD_INPUT
     except OSError as problem:
         # Any operating system error, such as a path that is missing, too long, not writable or a symbolic link loop.

@@ -10,7 +10,7 @@ from betterbench.diagnosis.modes import MODES
 from betterbench.diagnosis.rule_likelihood import PolicyRule, place_rule
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.task_rules import TaskRules
-from betterbench.diagnosis.verdict import TrialDiagnosis
+from betterbench.diagnosis.verdict import OUTCOME_ALONE, TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
 from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.statistics.wording import p_text, plural
@@ -41,6 +41,8 @@ def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRule
         n = sum(planned[task, name] for name in names)
         mode = MODES[label]
         subject = mode.finding + ("" if mode.detail is None else mode.detail(members))
+        if all(t.evidence.rule == OUTCOME_ALONE for t in members):
+            subject = "The step limit is reached"
         sentence = f"{subject}: {len(members)}/{n} trials of {task} {', '.join(names)}"
         sentences.append(sentence + _proof(mode, members, rules.get(task)) + ".")
     return tuple(sentences)

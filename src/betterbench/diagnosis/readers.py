@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from betterbench.diagnosis import libero
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
 from betterbench.diagnosis.trial import Reading, read_trial
-from betterbench.diagnosis.verdict import Evidence, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import OUTCOME_ALONE, Evidence, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.json_form import open_form, read_form
 from betterbench.quoting import shell_word
@@ -34,6 +34,10 @@ class Reader(Protocol):
     @property
     def finds_favorites(self) -> bool:
         """Whether the diagnosis looks for the policy's favorite kind of object."""
+
+    @property
+    def judges_causes(self) -> bool:
+        """Whether the diagnosis judges grasps and causes of failures, and not only the outcome of each trial."""
 
     @property
     def twins_cure(self) -> str:
@@ -62,6 +66,7 @@ class OwnReader:
     """Reads runs in betterbench's own scenes. Their tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
+    judges_causes = True
     twins_cure = "run their training conditions with the same seeds"
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
@@ -102,7 +107,7 @@ class LiberoReader(libero.LiberoRun):
     It reads the goals from task files, and the training data from the base suite.
     """
 
-    twins_elsewhere = finds_favorites = True
+    twins_elsewhere = finds_favorites = judges_causes = True
     twins_cure = libero.TWINS_CURE
 
     def group(self, task: str) -> str:
@@ -132,12 +137,14 @@ class OutcomeReader:
         title: Name of the world in messages.
         twins_elsewhere: Whether the twins of a run's variation trials may come from another run.
         finds_favorites: Whether the diagnosis looks for the policy's favorite kind of object.
+        judges_causes: Whether the diagnosis judges grasps and causes of failures.
         twins_cure: Advice for notes on how to obtain missing twins.
     """
 
     title: str
     twins_elsewhere: bool = False
     finds_favorites: bool = False
+    judges_causes: bool = False
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
@@ -150,7 +157,7 @@ class OutcomeReader:
             f"The goal {', '.join(m.subgoal_names)} is not met at the end. betterbench does not judge the cause of "
             f"failures in {self.title}."
         )
-        unmet = (Label.TIMEOUT, Evidence("outcome_alone", text, float(record.time[-1]), float(record.time[-1])))
+        unmet = (Label.TIMEOUT, Evidence(OUTCOME_ALONE, text, float(record.time[-1]), float(record.time[-1])))
         found = libero.by_outcome(record, path, unmet=unmet, condition=m.base_condition or m.condition, axis=m.axis)
         return Reading(found, (), None)
 

@@ -22,7 +22,7 @@ from betterbench.diagnosis.instruction_effect import (
 )
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.libero import BASE
-from betterbench.diagnosis.measures.metrics import compute_metrics, twins
+from betterbench.diagnosis.measures.metrics import OF_CAUSES, compute_metrics, twins
 from betterbench.diagnosis.readers import OwnReader, Reader, reader_of
 from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import judge_policy
@@ -270,8 +270,11 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
     notes = find_notes(
         found, judged, broken, len(twins(counted)), pending=len(waiting), even_pairs=even, cure=reader.twins_cure
     )
+    metrics = compute_metrics(found, decided)
+    if not reader.judges_causes:
+        metrics = tuple(metric for metric in metrics if metric.name not in OF_CAUSES)
     return RunDiagnosis(
-        policy=policy, trials=found, metrics=compute_metrics(found, decided),
+        policy=policy, trials=found, metrics=metrics,
         findings=(
             *effect_findings(unused, str(decider)),
             *(favorite.finding(suite) for suite, favorite in favorites.items()),

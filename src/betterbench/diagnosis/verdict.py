@@ -12,6 +12,9 @@ from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.worlds.libero_plus import axis_of
 
+OUTCOME_ALONE = "outcome_alone"
+"""Evidence rule of a failed trial in a world in which only the outcome of each trial is judged."""
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:

@@ -420,12 +420,12 @@ def _companion_text(path: Path) -> str | None:
         raise
 
 
-def options_for(tasks: Iterable[str]) -> str:
-    """Return the command-line options that load the files of the given tasks, beginning with a space.
+def options_for(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> str:
+    """Return the command-line options that load the files of the given tasks and worlds, beginning with a space.
 
-    The result is "" if all tasks are built in.
+    The result is "" if all of them are built in.
     """
-    return loading_options() if origins_of(tasks).get("task_files") else ""
+    return loading_options() if origins_of(tasks, worlds=worlds).get("task_files") else ""
 
 
 def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:

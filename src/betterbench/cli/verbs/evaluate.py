@@ -544,7 +544,8 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
     if plan.policy == "expert" and plan.world.facts.measured:
         _print_expert(run, {t.id for t in plan.trials if t.ambiguous})
-    following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
+    files = options_for({t.task for t in plan.trials}, worlds=(plan.world.name,))
+    following = f"better report {shell_word(run.path)}{files}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world.facts.reading != "chains":  # CALVIN's chains are not labeled
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)

@@ -52,6 +52,14 @@ such as a grasp at a slot that is now empty. The collision rate counts collision
 success.
 """
 
+OF_CAUSES = frozenset(
+    {
+        *("success_with_a_needless_step", "intention_accuracy", "reasoning_failure_rate", "execution_failure_rate"),
+        *("collision_rate", "distractor_grasp_rate", "instruction_effect"),
+    }
+)
+"""Metrics that are not known in a world in which only the outcome of each trial is judged."""
+
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
 """Rate of the trials that a stopped run left unfinished. This rate is reported separately."""
 

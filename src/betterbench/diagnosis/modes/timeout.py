@@ -9,12 +9,13 @@ from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis, Mea
 from betterbench.diagnosis.analysis.halts import in_fingers, kept_at_its_place
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
-from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.diagnosis.verdict import OUTCOME_ALONE, Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label
 
 _BY_MECHANISM = sharper_by_rule(
     {
+        OUTCOME_ALONE: "It does not reach the goal before the step limit.",
         "never_closes": "It goes for the correct objects, but its gripper never closes on them.",
         "does_not_close": "It goes for the correct objects, but its gripper does not close on them.",
         "never_descends": "It moves over the correct objects, but its gripper does not come down to them.",

@@ -17,6 +17,7 @@ from betterbench.errors import (
     PolicyUnavailableError,
     PremiseError,
     StorageError,
+    described,
     encodable,
 )
 from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
@@ -186,7 +187,7 @@ class TrialRunner:
         except (PolicyUnavailableError, HandshakeError) as error:
             status, message = "error", str(error)
         except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
-            status, message = "error", f"{type(error).__name__}: {error}"
+            status, message = "error", described(error)
         finally:
             if scene is not None:
                 scene.close(well=digest is not None)

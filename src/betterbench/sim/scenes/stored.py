@@ -31,6 +31,11 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
 
     Raises RecordError if a file is missing or malformed, or was written by a different version of MuJoCo.
     """
+    if INDEX_FILE in files and MODEL_FILE not in files:
+        raise RecordError(
+            "stored scene: it contains no MuJoCo model. Commands that simulate or render a record again serve "
+            "betterbench's own scenes only. If the record is one of these, run the trial again to store its scene."
+        )
     try:
         index = parse_json(files[INDEX_FILE])
         binary = files[MODEL_FILE]

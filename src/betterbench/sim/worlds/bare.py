@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from betterbench.errors import InvalidInputError
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
@@ -92,8 +93,23 @@ class BareScene(ABC):
         """Go back to the start of the trial, and return the state at the start."""
         self._step, self._gripper_command = 0, -1.0
         self.start()
+        self._require_positions()
         self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)
         return self.state()
+
+    def _require_positions(self) -> None:
+        """Check that :meth:`start` has set the positions of the hand and of all objects."""
+        where = f"{type(self).__name__}.start"
+        for name, shape in (("hand", (3,)), ("positions", (len(self._objects), 3))):
+            rows = ", with one row for each object" if name == "positions" else ""
+            cure = f"Set it to positions [m] in an array of shape {shape}{rows}"
+            if not hasattr(self, name):
+                raise InvalidInputError(where, f"self.{name} is missing", cure)
+            given = np.asarray(getattr(self, name))
+            if given.shape != shape and (given.size or 0 not in shape):
+                raise InvalidInputError(where, f"self.{name} has shape {given.shape}", cure)
+            if not np.issubdtype(given.dtype, np.number) or not np.isfinite(given).all():
+                raise InvalidInputError(where, f"self.{name} is not finite", cure)
 
     def step(self, action: np.ndarray) -> np.ndarray:
         """Execute an action for one control step, and return the action after clipping."""
@@ -180,7 +196,12 @@ class BareTracker:
     def __init__(self, scene: BareScene) -> None:
         """Start judging an episode. The scene must already have been reset."""
         self._scene = scene
-        self.relation_names = self.subgoal_names = tuple(scene.relations())
+        found: object = scene.relations()
+        if not isinstance(found, Mapping):
+            where = f"{type(scene).__name__}.relations"
+            cure = "Return a dict from the name of each relation to whether it holds"
+            raise InvalidInputError(where, f"it returned {found!r:.60}", cure)
+        self.relation_names = self.subgoal_names = tuple(found)
 
     def update(self, state: WorldState) -> Truth:
         """Return which relations hold in the current state of the scene. The argument ``state`` is not used."""

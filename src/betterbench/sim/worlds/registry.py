@@ -11,12 +11,20 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.sim.worlds.world import World
 from betterbench.tasks.user_files import TaskFile, code_of, load_declared, load_sources, loaded_files, registered
-from betterbench.tasks.worlds.facts import OURS, facts_of_suite, forget_facts, register_facts
+from betterbench.tasks.worlds.facts import (
+    OURS,
+    Reading,
+    Suite,
+    WorldFacts,
+    facts_of_suite,
+    forget_facts,
+    register_facts,
+)
 
 AnyWorld = TypeVar("AnyWorld", bound=World)
 
@@ -28,8 +36,14 @@ def register_world(world: AnyWorld) -> AnyWorld:
     """Register a world and the facts that describe it, and return the world.
 
     Raises:
-        InvalidInputError: If the name of the world or of one of its suites is already used.
+        InvalidInputError: If the name of the world or of one of its suites is already used, or if the facts are wrong.
+        UnknownNameError: If there is no such reading.
     """
+    given: object = world
+    if isinstance(given, type):
+        name = given.__name__
+        raise InvalidInputError(f"world {name}", "this is a class", f"Register an instance: register_world({name}())")
+    _require_facts(world)
     registered("world", world.name, type(world), {**_WORLDS, **dict.fromkeys(_built_in())})
     if world.name in _WORLDS:
         raise InvalidInputError(f"world {world.name!r}", "this name is already registered", "Register each world once")
@@ -37,6 +51,25 @@ def register_world(world: AnyWorld) -> AnyWorld:
     copyreg.pickle(type(world), _by_name)  # type: ignore[arg-type]
     _WORLDS[world.name] = world
     return world
+
+
+def _require_facts(world: World) -> None:
+    """Check the facts of a world that an author has written."""
+    facts: object = getattr(world, "facts", None)
+    where = f"facts of {type(world).__name__}"
+    if not isinstance(facts, WorldFacts):
+        raise InvalidInputError(where, f"they are a {type(facts).__name__}", "Set facts to an instance of WorldFacts")
+    if facts.reading not in get_args(Reading):
+        raise UnknownNameError("reading", str(facts.reading), get_args(Reading))
+    for key, suite in facts.suites.items():
+        place = f"{where}, suite {key!r}"
+        if not isinstance(suite, Suite):
+            raise InvalidInputError(place, f"it is a {type(suite).__name__}", "Use an instance of Suite")
+        if suite.name != key:
+            raise InvalidInputError(place, f"its key differs from its name, {suite.name!r}", "Use the name as the key")
+        if suite.change is None and suite.base != suite.name:
+            cure = "Set the base to the name of the suite, or set change to the name of the change"
+            raise InvalidInputError(place, f"it has no change, but another base, {suite.base!r}", cure)
 
 
 def forget_world(name: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
@@ -60,6 +60,14 @@ class PlanRequest:
     trials: int | None = None
     seed: int = 0
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    def chosen(self, known: Iterable[str]) -> tuple[str, ...]:
+        """Return the tasks to run out of all tasks of the suite, in their order. Raises UnknownNameError for others."""
+        names = tuple(known)
+        for task in self.tasks:
+            if task not in names:
+                raise UnknownNameError("task", task, names)
+        return tuple(name for name in names if not self.tasks or name in self.tasks)
 
     def options_as(self, form: Callable[..., Form], *, world: str) -> Form:
         """Return the options as an instance of the given dataclass. Raises UnknownNameError for an unknown option."""
