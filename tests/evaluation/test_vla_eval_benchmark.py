@@ -313,7 +313,7 @@ def test_other_settings_in_the_same_folder_stop_the_evaluation(bench):
     first.reset(task_of(first, "morning_coffee/T1"))
     for other in ({"policy": "another"}, {"seed": 1}, {"send_state": True}):
         second = bench(**{"conditions": "morning_coffee/T1", **other})
-        with pytest.raises(RecordingError, match=r"another run: plan\.|is not the policy of this run"):
+        with pytest.raises(RecordingError, match=r"a different run: plan\.|is not the policy of this run"):
             second.reset(task_of(second, "morning_coffee/T1"))
 
 

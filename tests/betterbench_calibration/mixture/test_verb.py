@@ -83,7 +83,7 @@ def test_a_file_that_holds_something_else_is_left_alone(capsys, mixture, other):
     Path("draws.jsonl").write_text(text := other.replace("{draws}", draws))
     assert main(words) == 2
     assert Path("draws.jsonl").read_text() == text
-    assert "Give another file" in " ".join(capsys.readouterr().err.split())
+    assert "Choose a different file" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
