@@ -153,7 +153,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
                 if not overwrite and not begun:
                     raise RunConflictError(
                         f"{out}: it contains other data than draws of this mixture, seed and shard "
-                        f"(line {index + 1}). Give another file, or --overwrite."
+                        f"(line {index + 1}). Choose a different file, or pass --overwrite."
                     )
                 if begun and found:
                     say(f"{out}: its last line was incomplete and is written again")
@@ -166,7 +166,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
         if there and file.read(1):
             if not overwrite:
                 raise RunConflictError(
-                    f"{out}: it contains more than {planned} draws. Give another file, or --overwrite."
+                    f"{out}: it contains more than {planned} draws. Choose a different file, or pass --overwrite."
                 )
             file.seek(-1, os.SEEK_CUR)
             file.truncate()
