@@ -100,14 +100,16 @@ def endpoint(url, **changes):
         ("2.5", 2.5),
         ("0", 1.0),  # never less than our own pause
         ("999999", LONGEST_WISH_S),
-        (format_datetime(datetime.now(UTC) + timedelta(hours=9), usegmt=True), LONGEST_WISH_S),
-        (format_datetime(datetime.now(UTC) - timedelta(hours=9), usegmt=True), 1.0),
+        (timedelta(hours=9), LONGEST_WISH_S),
+        (timedelta(hours=-9), 1.0),
         ("soon", 1.0),
         ("-5", 1.0),
         ("9" * 30, 1.0),
     ],
 )
 def test_a_pause_that_the_server_asks_for_is_kept_within_bounds(header, pause, server):
+    if isinstance(header, timedelta):  # a date, made here: the processes of the tests must collect the same names
+        header = format_datetime(datetime.now(UTC) + header, usegmt=True)
     chat, pauses = endpoint(server((429, "slow down", {"Retry-After": header}), (200, "Yes")).url)
     reply = chat.complete(MESSAGES)
     assert reply == Reply("Yes", retries=("HTTP 429: slow down",))
