@@ -14,7 +14,7 @@ from betterbench.json_form import read_form
 from betterbench.quoting import markup_text
 
 MARK = "better-page:"
-"""Text with which messages about keys begin."""
+"""Prefix of messages about keys."""
 NO_PUSH = (0.0,) * 6
 MOST_TAPS_AT_ONCE = 8
 
@@ -23,7 +23,7 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """State of the keyboard and the gamepad, as a web page reports it.
+    """State of the keyboard and the gamepad as reported by a web page.
 
     The state consists of the keys that are held down, the number of times that each key has been pressed since the page
     was opened, and the positions of the gamepad's axes in [-1, 1].
@@ -40,13 +40,13 @@ _KEYS = TypeAdapter(PageKeys)
 
 
 def read_keys(text: str) -> PageKeys:
-    """Parse a message that the page's script has sent. Raises InvalidInputError if it is malformed."""
+    """Parse a message from the page's script. Raises InvalidInputError if it is malformed."""
     data = text.removeprefix(MARK).encode(errors="replace")
     return read_form(_KEYS, data, where="page", cure="Reload the page")
 
 
 def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> list[str]:
-    """Return the keys that were pressed after the previous message of a page, and update its counts in ``known``."""
+    """Return the keys pressed since the previous message from a page, and update the page's counts in ``known``."""
     made = [
         name
         for name in names

@@ -138,12 +138,12 @@ def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
 
 
 def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
-    """Return how many wrong first attempts in the given tasks the best rules of one kind explain."""
+    """Return the number of wrong first attempts explained by the best rule of the given kind in each task."""
     return sum(max((rule.explained for rule in _rules_of(family, task)), default=0) for task in tasks)
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the total cost of the best rules of one kind over the given tasks [nats].
+    """Return the total cost of the given tasks under the cheapest rule of the given kind in each task [nats].
 
     A task without a rule of this kind contributes the cost of confusion.
     """

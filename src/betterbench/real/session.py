@@ -1,4 +1,4 @@
-"""Session of an operator: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
+"""An operator's session: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
 
 All work is done in the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
 the queue of this thread. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
@@ -53,12 +53,12 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command of the operator.
+    """Command from the operator.
 
     Attributes:
         name: Name of the command, one of :data:`COMMANDS`.
         value: Name of the outcome, for "enter".
-        note: Note of the operator.
+        note: The operator's note.
     """
 
     name: str
@@ -128,7 +128,9 @@ class _Shown:
 
 
 class RealSession:
-    """Session of an operator with a protocol folder. If used as a context manager, it is closed at the end.
+    """Session in which an operator runs the trials of a protocol.
+
+    If used as a context manager, it is closed at the end.
 
     Raises:
         RunConflictError: If another process is running the protocol.

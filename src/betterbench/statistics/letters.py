@@ -1,4 +1,4 @@
-"""Compact letter display, which shows by letters which items differ significantly from each other."""
+"""Compact letter display: items without a common letter differ significantly from each other."""
 
 from __future__ import annotations
 

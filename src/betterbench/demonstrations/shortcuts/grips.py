@@ -191,7 +191,7 @@ def _width(low: float, high: float) -> tuple[str, str] | None:
 
 
 def _is_percent(grip: Grip, low: float, high: float) -> bool:
-    """Return whether the values follow LeRobot's ``gripper.pos``, i.e. are percentages of the calibrated range."""
+    """Return whether the values are LeRobot's ``gripper.pos``, i.e. percentages of the calibrated range."""
     return tokens(grip.number.name)[-2:] == ["gripper", "pos"] and low >= -1.0 and 2.0 < high <= 101.0
 
 

@@ -132,7 +132,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if the policy goes for an unrequested object that followed the previous object in training."""
+    """Return evidence if the object is not requested but, in training, followed the object of the previous step."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))

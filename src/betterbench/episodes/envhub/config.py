@@ -50,7 +50,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Declare the observations and actions, under the names of the environment and under LeRobot's names."""
+        """Declare the observations and actions, and map the environment's names for them to LeRobot's names."""
         robot = self.robot or _robot_of(self.task)
         dim = action_space(robot_space(robot, self.action_space)).dim
         self.features = {
@@ -72,7 +72,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Arguments of the Gymnasium environment, which LeRobot 0.4 uses.
+        """Arguments with which LeRobot 0.4 creates the Gymnasium environment.
 
         Raises InvalidInputError if there are several conditions.
         """

@@ -60,9 +60,9 @@ class RunSettings:
         observation: Name of the observation preset.
         quality: Name of the rendering preset.
         robot: Name of the robot.
-        envs: Number of environments of a worker, or the number with which a warm-up begins.
-        policy_timeout_s: Maximum time for one answer of a policy in the worker process [s]. Policy servers have
-            separate deadlines.
+        envs: Number of environments per worker, or the initial number if there is a warm-up.
+        policy_timeout_s: Maximum time that a policy in the worker process may take for one response [s]. Policy
+            servers have their own limits.
         served_at: Address of the host process that serves the policy to all workers, or None.
         task_files: User files that workers load first.
         held: Folders that contain the run folder and are locked by the main process.
@@ -71,7 +71,7 @@ class RunSettings:
             started. Otherwise None.
         world: Benchmark in whose simulator the trials are run.
         most_envs: Maximum number of environments that a warm-up may choose. Without a warm-up, it is at most ``envs``.
-        workers: Number of workers of the run, which share the memory of the machine.
+        workers: Number of workers in the run. They share the memory of the machine.
         trials: Maximum number of trials that were left when the run started, or 0 if this is not known.
         turn: Index of the worker, which determines the EGL device.
     """
@@ -113,12 +113,15 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Policy address under which the workers reach the policy."""
+        """Address at which the workers reach the policy."""
         return self.served_at or self.policy
 
     @property
     def answer_limit_s(self) -> float:
-        """Maximum time for a reply [s]. The address of a server determines it, otherwise the settings of this run."""
+        """Maximum time for a reply of the policy [s].
+
+        It is taken from the address of a policy server. For other policies, it is ``policy_timeout_s``.
+        """
         return answer_limit_s(self.policy, self.policy_timeout_s)
 
 

@@ -1,4 +1,4 @@
-"""Relations in instructions that each template supports, and the reasons for rejecting other relations."""
+"""Relations that each task template supports in an instruction, and the reasons for rejecting other relations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.generation.stated_goal.relations import HOLES, RING, SIDES
 
 
 def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
-    """Return the single item that a relation in an instruction is about.
+    """Return the single item that a relation in an instruction refers to.
 
     Returns:
         The name of the item and an empty string; or an empty string and the reason why there is no single item.
@@ -70,7 +70,7 @@ def _packed(r: Reader, said: Said, _regions: object, _onto: object) -> Iterator[
 
 
 def _goes_on(r: Reader, said: Said) -> bool:
-    """Return whether the relation of the template follows later, as in "the apple on the table into the lunchbox"."""
+    """Return whether the supported relation follows later, as in "the apple on the table into the lunchbox"."""
     words = said.words.split()[0]
     after = r.raw[r.raw.index(words) + 1 :]
     return bool({"into", "in", "inside"} & set(after))

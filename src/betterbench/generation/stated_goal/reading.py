@@ -64,7 +64,7 @@ class Said:
         subjects: Nouns before the relation that do not belong to an earlier relation.
         target: Noun after the relation, or None if a place or nothing follows.
         place: Place after the relation ("table", "ring"), or "it" for a pronoun. Empty if there is none.
-        position: Word that tells which hole is meant ("left"), or a part of the target ("ring").
+        position: Word that specifies the hole ("left"), or a part of the target ("ring").
     """
 
     words: str
@@ -124,10 +124,9 @@ class Reader:
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of the objects that a noun may mean.
+        """Return the names of the objects that a noun may refer to.
 
-        If objects with this name exist, only these are returned. Otherwise, all objects with the noun in their
-        description are returned.
+        If any object has the noun in its name, objects that only have it in their description are left out.
         """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]

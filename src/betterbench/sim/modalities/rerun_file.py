@@ -91,9 +91,9 @@ def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
 
 
 def is_rerun_file(path: Path) -> bool:
-    """Return whether :func:`write_rerun` wrote a file.
+    """Return whether the file was written by :func:`write_rerun`.
 
-    Such a file is a Rerun file with the name of betterbench near its beginning.
+    Such files are Rerun files that contain the name "betterbench" near the beginning.
     """
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)

@@ -1,4 +1,4 @@
-"""Interfaces of worlds, which are the simulated environments of trials, and of the scenes in a world."""
+"""Interfaces of worlds (the simulated environments of trials) and of their scenes."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ class Tracker(Protocol):
 
     @property
     def undecided_states(self) -> int:
-        """Minimum number of further states before the episode can succeed, or 0 if the next state may succeed."""
+        """Minimum number of states before the episode can succeed, or 0 if it can succeed in the next state."""
 
     def update(self, state: WorldState) -> Truth:
         """Return the relations and subgoals that hold in a state. Pass the states in order, starting with the reset."""
@@ -275,7 +275,7 @@ class TrialScene(Protocol):
 
 
 class World(ABC):
-    """World: tasks, scenes and conventions, as a frozen value.
+    """World with its tasks, scenes and conventions, as a frozen value.
 
     The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
     of a run and the value that is stored as ``plan.world``, which may contain additional data of this run. Subclasses
@@ -288,7 +288,8 @@ class World(ABC):
         observations: Supported observation presets. Keys are the requested names, values the presets that are used.
         dialect: World whose conventions are used with a policy server ("libero"). It is empty for betterbench's own
             scenes.
-        drawn_by: Component that renders the images, for messages. It is empty if the workers render MuJoCo models.
+        drawn_by: Name of the component that renders the images, as used in messages. It is empty if the workers render
+            MuJoCo models.
         options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
         installation: Environment in which the simulator is installed, or None if there is none.
         command: Command of the simulator's process. It is empty if the world has no such process.
@@ -361,7 +362,7 @@ class World(ABC):
         return () if self.installation is None else self.installation.command()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the world in JSON form for plans, so that a run can be read without the world's code."""
+        """Return the world as JSON that is stored in a plan, so that the run can be read without the world's code."""
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
@@ -416,7 +417,7 @@ class World(ABC):
         """Yield one image (size, size, 3) for each requested recorded state of a run.
 
         Args:
-            stored: The world in JSON form, from the run's plan.
+            stored: The world as JSON, from the run's plan.
             wanted: Recorded states to render, grouped by scene.
             size: Width and height of an image [pixel].
             where: Name of the plan file, for messages.

@@ -30,20 +30,20 @@ from betterbench.tasks.thresholds import (
 from betterbench.tasks.words import agreeing, place_words
 
 POINTS_FROM = {"box": BOX_POINTS_FROM, "irregular": OTHER_POINTS_FROM}
-"""Smallest ratio of length to width from which an object has a visible direction, by shape.
+"""Minimum ratio of length to width for an object to have a visible direction, by shape.
 
 Round objects and cylinders have no such ratio, because people accept a mug that was rotated by 35°. For cylinders with
 a handle, :data:`HANDLE_FROM` is used.
 """
 
 HANDLE_FROM = {**POINTS_FROM, "cylinder": CYLINDER_POINTS_FROM}
-"""Smallest ratio of length to width from which the rotation of an object is visible, by shape.
+"""Minimum ratio of length to width for the rotation of an object to be visible, by shape.
 
 A cylinder that is longer than wide has a handle.
 """
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}
-"""Smallest ratio of height to width from which an object can be knocked over, by shape.
+"""Minimum ratio of height to width of objects that can be knocked over, by shape.
 
 Round objects have no such ratio, because fruit rolls and plates are flat.
 """
@@ -178,7 +178,8 @@ class HarmWatch:
     def see(self, state: WorldState, places: Places) -> None:
         """Process the next state.
 
-        ``places`` contains the region of each watched object that is in the right posture.
+        ``places`` contains the region that each watched object is in. It is None for an object that is outside all
+        regions or in a wrong posture.
         """
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
@@ -272,7 +273,7 @@ def can_stand(thing: ObjectInfo) -> bool:
 def has_upright(thing: ObjectInfo) -> bool:
     """Return whether a person who found the object on its side would put it upright again.
 
-    This is so if the object can stand, or if it is a plate, a bowl or a drink. Plates are recognized by their region
+    This holds if the object can stand, or if it is a plate, a bowl or a drink. Plates are recognized by their region
     "floor". Bowls and drinks are registered with ``keeps_upright``.
     """
     return can_stand(thing) or thing.keeps_upright or any(region.name == "floor" for region in thing.regions)

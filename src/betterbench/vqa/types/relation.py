@@ -32,7 +32,7 @@ Objects are 4 to 8 cm wide.
 
 
 def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about pairs of objects, and about the outermost of several objects."""
+    """Yield questions about pairs of objects, and about the leftmost and rightmost of several objects."""
     for (a, first), (b, second) in itertools.combinations(moment.named.items(), 2):
         names = first.name, second.name
         both_small = a in moment.things and b in moment.things
@@ -92,9 +92,9 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield the question of whether an object is on a certain side of another object.
+    """Yield one question per side of an anchor: whether an object is on this side.
 
-    The sides are defined by the front of this other object.
+    The sides are defined by the front of the anchor.
     """
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])
@@ -116,7 +116,7 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
 
 
 def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft]:
-    """Yield the question of which of several objects is leftmost or rightmost in the image."""
+    """Yield questions that ask which object is leftmost or rightmost in the image."""
     if len(kinds) < 3:
         return
     across = sorted((moment.view.objects[moment.things[k].name].centroid[0], k) for k in kinds)

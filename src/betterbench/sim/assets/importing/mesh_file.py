@@ -155,7 +155,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return resolver
 
     def keys(self) -> list[str]:
-        """Return an empty list. trimesh uses the names only to search for files by pattern, which is not supported."""
+        """Return an empty list. trimesh needs file names only for searches by pattern, which are not supported."""
         return []
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class

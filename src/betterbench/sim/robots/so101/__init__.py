@@ -1,9 +1,10 @@
-"""The SO-101 of TheRobotStudio: a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
+"""TheRobotStudio's SO-101: a 3D-printed arm with five joints and one moving jaw, driven by six STS3215 servos.
 
-Kinematics, joint ranges, masses, inertias and meshes: TheRobotStudio's ``SO-ARM100``, ``Simulation/SO101`` with the new
-calibration, in the form of MuJoCo Menagerie's ``robotstudio_so101`` (commit 4c358ef9d9d7f32ca58b40b490884a0c1726a440),
-both Apache-2.0. The file ``meshes.npz`` contains the decimated visual meshes. ``tools/so101_meshes.py`` generates the
-file and documents the changes. ``LICENSE`` is the license of the original meshes.
+The kinematics, joint ranges, masses, inertias and meshes come from TheRobotStudio's ``SO-ARM100`` (``Simulation/SO101``
+with the new calibration), as published in MuJoCo Menagerie's ``robotstudio_so101`` (commit
+4c358ef9d9d7f32ca58b40b490884a0c1726a440). Both are licensed under Apache-2.0. The file ``meshes.npz`` contains the
+decimated visual meshes. ``tools/so101_meshes.py`` generates the file and documents the changes. ``LICENSE`` is the
+license of the original meshes.
 
 **Zero angles.** The new calibration puts the zero of each joint in the middle of its range. TheRobotStudio's old
 calibration, with the zero at the fully extended arm, is not used here.
