@@ -122,7 +122,7 @@ def test_weights_are_used_with_the_code_that_they_were_trained_with(load, tmp_pa
     load(DEEP.replace("amax(1)", "amin(1)"))
     with pytest.raises(InvalidInputError, match=r"was defined by sha256 .*task_files"):
         read_checkpoint(result.checkpoint)
-    with pytest.raises(BetterError, match=r"another training: .*learner.*Continue with the learner's original file"):
+    with pytest.raises(BetterError, match=r"different training: .*learner.*Continue with the learner's original file"):
         train(tiny(**DEEP_RECIPE), made_up(), tmp_path / "out")
     load("")
     with pytest.raises(InvalidInputError, match=r"Unknown family 'deep_sets'.*--task-file"):
