@@ -13,11 +13,12 @@ ROOT = Path(__file__).parents[2]
 
 def copy_checkout(root: Path, files: dict[str, str]) -> Path:
     """Copies code and tests into a folder and writes files there, by their path in the checkout."""
-    for folder in ("src", "tests"):
+    for folder in ("src", "tests", "requirements"):
         shutil.copytree(ROOT / folder, root / folder)  # with times and bytecode, so that little is compiled again
     shutil.copy(ROOT / "pyproject.toml", root)
     for path, text in files.items():
         assert not (root / path).exists(), "the page describes a new file"
+        (root / path).parent.mkdir(exist_ok=True)
         (root / path).write_text(text, encoding="utf-8")
     return root
 

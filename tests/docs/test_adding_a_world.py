@@ -9,9 +9,8 @@ import shlex
 from pathlib import Path
 
 import pytest
-from tests.docs.test_adding_a_task import run
+from tests.docs.copies import copy_checkout, run
 
-import betterbench
 from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
@@ -114,28 +113,12 @@ def test_each_member_of_a_world_is_explained():
         assert name.startswith("_") or name in ("facts", "name", "is_ready") or f"`{name}`" in PAGE
 
 
-def linked(folder: Path, source: Path, changed: str) -> Path:
-    """Makes a folder with links to all that is in the source, but real folders on the path that is to be changed."""
-    folder.mkdir()
-    first, _, rest = changed.partition("/")
-    for found in source.iterdir():
-        if found.name != first:
-            (folder / found.name).symlink_to(found)
-    return linked(folder / first, source / first, rest) if (source / first).is_dir() else folder
-
-
 def test_the_named_test_passes_with_the_world_in_its_real_folder(tmp_path):
     (home,) = re.findall(r"folder with its name in `src/betterbench/(.*?)/`", " ".join(PAGE.split()))
     (named,) = re.findall(r"`(tests/\S+\.py)` tests all worlds", PAGE)
-    for name in ("tests", "requirements", "pyproject.toml"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    (tmp_path / "src").mkdir()
-    package = Path(betterbench.__path__[0])
-    worlds = linked(tmp_path / "src" / package.name, package, f"{home}/point/__init__.py")
-    (worlds / "point").mkdir()
-    (worlds / "point" / "__init__.py").write_text(WORLD, encoding="utf-8")
+    checkout = copy_checkout(tmp_path, {f"src/betterbench/{home}/point/__init__.py": WORLD})
     names = "from betterbench.sim.worlds import world_names; print(world_names())"
     both = f"import sys, pytest; {names}; sys.exit(pytest.main(sys.argv[1:]))"
-    said = run(tmp_path, "-c", both, "-q", "-p", "no:cacheprovider", named)
+    said = run(checkout, "-c", both, "-q", "-p", "no:cacheprovider", named)
     assert "'point'" in said.splitlines()[0]
     assert "passed" in said
