@@ -17,6 +17,7 @@ EXTRAS ?=
 # The setup script stores the GL back end that works here; MUJOCO_GL of the caller takes precedence.
 # Bytecode is kept, because the tests start many processes, and each would compile the package again.
 RUN = PYTHONDONTWRITEBYTECODE= MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}" LP_NUM_THREADS=0 OMP_NUM_THREADS=1
+TESTS = $(PY) tools/run_tests.py -q -n $(JOBS)
 
 .PHONY: help setup env demo test test-slow bench golden certify check fmt fmt-check lint types arch docs site wheel lock clean distclean
 
@@ -32,11 +33,11 @@ env:
 demo: setup ## evaluate the expert and three policies with known faults, diagnose them, and write runs/demo/report
 	@$(RUN) $(PY) -m betterbench.cli demo --out runs/demo $(ARGS)
 
-test: setup ## run the default tests on JOBS=3 processes; ARGS="-k name" goes to pytest
-	@$(RUN) $(PY) -m pytest -q -n $(JOBS) --dist loadscope $(ARGS)
+test: setup ## run the default tests on JOBS=3 processes; ARGS="-k name" goes to pytest, ARGS=--again repeats failed tests
+	@$(RUN) $(TESTS) --dist loadscope $(ARGS)
 
 test-slow: setup ## run the slow tests
-	@$(RUN) $(PY) -m pytest -q -n $(JOBS) -m "slow and not gpu and not network and not llm" $(ARGS)
+	@$(RUN) $(TESTS) -m "slow and not gpu and not network and not llm" $(ARGS)
 
 bench: setup ## measure the speed as ratios within one run
 	@$(RUN) $(PY) benchmarks/bench.py $(ARGS)
