@@ -9,18 +9,17 @@ from pathlib import Path
 import pytest
 import trimesh
 from tests.generation.test_building import failing, packing, proven
+from tests.kept_registry import kept_registry
 
 from betterbench.generation.building import attempts as attempts_module
 from betterbench.generation.building.casting import cast_of
 from betterbench.generation.building.importing import IMPORTED, ImportedMeshes
 from betterbench.generation.building.job import CATALOGUE, build_suite
 from betterbench.generation.scenario import DescribedObject
-from betterbench.sim.assets.authoring import registry
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.sim.assets.catalogue.sources import open_source
 from betterbench.sim.assets.catalogue.sources.source import SourceOptions
-from betterbench.tasks import user_files
 
 ERASER = DescribedObject("a white eraser", "eraser", "eraser", (0.01, 0.2), (0.03, 0.09))
 
@@ -29,10 +28,6 @@ ERASER = DescribedObject("a white eraser", "eraser", "eraser", (0.01, 0.2), (0.0
 def meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Two erasers with a free license, one without, and a broken file, in a catalogue of the user."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv(user_files.VARIABLE, "")
-    before = dict(registry._REGISTER)
-    monkeypatch.setattr(user_files, "_files", dict(user_files._files))
-    monkeypatch.setattr(registry, "_folders_read", set())
     for folder, names in (("free", ("eraser", "old_eraser")), ("restricted", ("new_eraser",))):
         (tmp_path / folder).mkdir()
         for number, name in enumerate(names):
@@ -43,10 +38,8 @@ def meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         for folder, license_name in (("free", "CC0 1.0"), ("restricted", "CC BY-NC 4.0"))
     ]
     index_sources(tmp_path / "mine", sources, on_progress=lambda *_: None)
-    yield tmp_path / "mine"
-    registry._REGISTER.clear()
-    registry._REGISTER.update(before)
-    registry._forget_built()
+    with kept_registry():
+        yield tmp_path / "mine"
 
 
 def test_an_object_that_the_library_lacks_is_imported_from_the_catalogue_of_the_user(

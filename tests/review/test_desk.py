@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 import trimesh
+from tests.kept_registry import kept_registry
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError
@@ -264,7 +265,8 @@ def asset_folder(block, tmp_path):
             source="block.stl",
         )
     (folder / ASSET_MANIFEST).write_bytes(manifest_bytes(listed))
-    return folder
+    with kept_registry():
+        yield folder
 
 
 def test_the_assets_of_a_folder_are_reviewed_and_written_anew(asset_folder, tmp_path, capsys):

@@ -9,11 +9,11 @@ import zipfile
 import numpy as np
 import pytest
 import trimesh
+from tests.kept_registry import kept_registry
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
 from betterbench.sim.assets import build
-from betterbench.sim.assets.authoring import registry
 from betterbench.sim.assets.folders import job
 from betterbench.sim.assets.folders.job import ImportRequest, import_assets
 from betterbench.sim.assets.folders.manifest import manifest_of, read_manifest
@@ -29,14 +29,8 @@ def clean(tmp_path, monkeypatch):
     """Leave the registry, the loaded files and the user's cache as they were."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv(user_files.VARIABLE, "")  # restored afterwards
-    before = dict(registry._REGISTER)
-    monkeypatch.setattr(user_files, "_files", dict(user_files._files))
-    monkeypatch.setattr(registry, "_folders_read", set())
-    yield tmp_path
-    registry._REGISTER.clear()
-    registry._REGISTER.update(before)
-    registry._forget_built()
+    with kept_registry():
+        yield tmp_path
 
 
 @pytest.fixture
