@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import difflib
 import gc
@@ -15,8 +16,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
-import tests.daily  # noqa: F401 - notes the day before worker processes start
 from hypothesis import settings
+from tests.daily import TODAY  # stores the day before worker processes start
 
 settings.register_profile("betterbench", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("betterbench")
@@ -47,9 +48,20 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
+def third(text: str) -> int:
+    """Return the number of a third of the slow tests; "today" stands for another third each day."""
+    if text == "today":
+        return THIRDS[TODAY % len(THIRDS)]
+    if text not in map(str, THIRDS):
+        raise argparse.ArgumentTypeError(f"{text!r} is not 1, 2, 3 or today")
+    return int(text)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--regenerate-golden", action="store_true", help="rewrite golden files and print what changed")
-    parser.addoption("--slow-third", type=int, choices=THIRDS, help="of the slow tests, run this third only")
+    parser.addoption(
+        "--slow-third", type=third, metavar="N", help="of the slow tests, run this third only: 1, 2, 3, or today"
+    )
     parser.addoption("--slow-minutes", type=float, help="skip the slow tests that have not begun after so long")
 
 
@@ -75,9 +87,13 @@ def thirds_of(tests: Sequence[str]) -> list[int]:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect the slow tests of the other thirds."""
+    """Deselect the slow tests of the other thirds.
+
+    With ``--last-failed``, pytest has not collected the tests that passed, so that the thirds would differ. The failed
+    tests are those of the third that ran.
+    """
     wanted = config.getoption("--slow-third")
-    if wanted is None:
+    if wanted is None or config.getoption("lf", default=False):
         return
     slow = [item for item in items if item.get_closest_marker("slow") is not None]
     others = {item for item, third in zip(slow, thirds_of([i.nodeid for i in slow]), strict=True) if third != wanted}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import time
 from collections import Counter
@@ -10,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests import conftest
-from tests.conftest import THIRDS, pytest_collection_modifyitems, pytest_runtest_setup, thirds_of
+from tests.conftest import THIRDS, pytest_collection_modifyitems, pytest_runtest_setup, third, thirds_of
 
 TESTS = [f"tests/{file}.py::test_it[{i}]" for file, count in (("a", 7), ("b", 1), ("c", 30)) for i in range(count)]
 
@@ -40,8 +41,31 @@ class Item(SimpleNamespace):
         return name if name == "slow" and self.slow else None
 
 
-@pytest.mark.parametrize("third", [None, *THIRDS])
-def test_the_option_keeps_a_third_of_the_slow_tests_and_all_others(third):
+def config_with(hook, slow_third, lf=False):
+    options = {"--slow-third": slow_third, "lf": lf}
+    return SimpleNamespace(getoption=lambda name, **_: options[name], hook=hook)
+
+
+def test_all_failed_tests_run_a_second_time():
+    items = [Item(nodeid=test, slow=True) for test in TESTS]
+    kept = list(items)
+    pytest_collection_modifyitems(config_with(hook=None, slow_third=1, lf=True), kept)
+    assert kept == items
+
+
+def test_three_days_run_all_thirds(monkeypatch):
+    found = []
+    for day in range(739950, 739953):
+        monkeypatch.setattr(conftest, "TODAY", day)
+        found.append(third("today"))
+    assert sorted(found) == list(THIRDS)
+    assert third("2") == 2
+    with pytest.raises(argparse.ArgumentTypeError, match="'4' is not 1, 2, 3 or today"):
+        third("4")
+
+
+@pytest.mark.parametrize("number", [None, *THIRDS])
+def test_the_option_keeps_a_third_of_the_slow_tests_and_all_others(number):
     items = [Item(nodeid=test, slow=i % 2 == 0) for i, test in enumerate(TESTS)]
     slow = [item for item in items if item.slow]
     dropped, kept = [], list(items)
@@ -50,9 +74,9 @@ def test_the_option_keeps_a_third_of_the_slow_tests_and_all_others(third):
         dropped.extend(items)
 
     hook = SimpleNamespace(pytest_deselected=deselected)
-    pytest_collection_modifyitems(SimpleNamespace(getoption=lambda _: third, hook=hook), kept)
+    pytest_collection_modifyitems(config_with(hook=hook, slow_third=number), kept)
     wanted = [
-        item for item, number in zip(slow, thirds_of([i.nodeid for i in slow]), strict=True) if third in (None, number)
+        item for item, found in zip(slow, thirds_of([i.nodeid for i in slow]), strict=True) if number in (None, found)
     ]
     assert [item for item in kept if item.slow] == wanted
     assert [item for item in kept if not item.slow] == [item for item in items if not item.slow]
@@ -67,10 +91,11 @@ def test_slow_tests_that_begin_too_late_are_skipped(monkeypatch, slow, minutes, 
         pytest_runtest_setup(item)
 
 
-def test_continuous_integration_runs_all_default_tests_and_one_slow_test():
+def test_continuous_integration_runs_all_default_tests_a_third_of_the_slow_ones_and_one_of_them_always():
     root = Path(__file__).parents[2]
     lines = (root / ".ci" / "run").read_text(encoding="utf-8").splitlines()
     assert 'make test ARGS="--again"' in lines
-    (slow,) = (line for line in lines if "make test-slow" in line)
-    assert slow == 'make test-slow ARGS="tests/sim/worlds/test_calvin.py -k thousand_chains --again"'
+    chains, today = (line for line in lines if "make test-slow" in line)
+    assert chains == 'make test-slow ARGS="tests/sim/worlds/test_calvin.py -k thousand_chains --again"'
+    assert today == 'make test-slow ARGS="--slow-third today --slow-minutes 30 --again"'
     assert "thousand_chains" in (root / "tests/sim/worlds/test_calvin.py").read_text(encoding="utf-8")
