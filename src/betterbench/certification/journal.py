@@ -25,7 +25,7 @@ from betterbench.tasks import TrialId
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
 _MOST_HEADER = 10_000
 CURE = "Restore the file from a copy, or work in a new folder"
-"""Remedy for a line of the journal that has been changed."""
+"""Remedy that error messages suggest if a line of the journal is corrupt."""
 
 
 @strict_form

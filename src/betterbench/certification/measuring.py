@@ -140,7 +140,7 @@ def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another type could not be loaded
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # already checked when the file was loaded
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

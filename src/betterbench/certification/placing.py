@@ -1,4 +1,4 @@
-"""Adaptation of a task to another robot: determines where the robot's base stands and which objects it can reach.
+"""Adaptation of a task to another robot: choice of the base position, and a check of what the robot can grasp there.
 
 All positions of a task are given in the base frame of its original robot. For another robot, the base is moved to the
 position from which this robot reaches the most slots, while the slots stay where they are. The result is a separate
@@ -30,7 +30,8 @@ FARTHEST_M = 0.8
 OBJECT_HEIGHT_M = 0.03
 """Height of grasps above the table for which the reach is computed [m]."""
 MARGIN_M = 0.01
-"""Distance that a slot must keep from the limits of the reach, since objects are placed randomly around it [m]."""
+"""Minimum distance between a slot and the limits of the reach [m], since objects are placed randomly around the slot.
+"""
 WIDEST_RAD = math.radians(100.0)
 """Largest angle between the forward direction of the robot and a slot [rad]."""
 

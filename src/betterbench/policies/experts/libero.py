@@ -29,10 +29,10 @@ TOOL_TIP_M = 0.011
 """Distance by which the fingers extend below the tool center point [m]."""
 
 HAND_ABOVE_M = 0.035
-"""Distance of the hand above the tool center point [m]."""
+"""Height of the bottom of the Panda hand above the tool center point [m]."""
 
 HAND_HALF_M = (0.04, 0.11)
-"""Half extents of the hand, across the axis along which the fingers close, and along this axis [m]."""
+"""Half extents of the Panda hand, perpendicular to and along the axis on which the fingers close [m]."""
 
 HOME_YAW = 0.5 * math.pi
 """Direction of the axis along which the fingers close, in the home pose [rad]."""

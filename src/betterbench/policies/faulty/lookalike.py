@@ -26,7 +26,7 @@ class _LookAlike(BrokenRule):
             return super().broken(state, history)
         right = self.bring(state, index)
         if not isinstance(right, Bring):
-            # If the object is missing, the feature is that of the objects to which the words referred in training.
+            # If the requested object is missing, look for the color that such objects have in training.
             wanted = (
                 self._of_missing(state, goal.reference.kind) if not self.condition.resolve(goal.reference) else None
             )
@@ -44,7 +44,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature that objects of a kind have in training, for a kind that is missing in the scene."""
+        """Return the color of the objects of a kind in training, or None if the feature is not the color."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:

@@ -97,7 +97,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """Transformer layer that normalizes its input before the attention and again before the two linear maps."""
+    """Pre-norm transformer layer: layer normalization is applied before the attention and before the MLP."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -174,7 +174,7 @@ class LearnerNetwork(nn.Module):
         """Create the modules of the family. The initial weights are drawn from torch's global random generator."""
         raise NotImplementedError(f"{type(self).__name__} must implement build")
 
-    def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
+    def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - result of hear
         """Return one vector per sample as a (B, width) tensor.
 
         Args:
@@ -183,7 +183,7 @@ class LearnerNetwork(nn.Module):
         """
         raise NotImplementedError(f"{type(self).__name__} must implement summary")
 
-    def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
+    def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - depends on the family
         """Return an encoding of instructions, (B, w) int64, that can be cached during an episode.
 
         The encoding is passed to every call of :meth:`answer` in the episode. If the result is None, nothing is cached.
@@ -273,9 +273,9 @@ class LearnerNetwork(nn.Module):
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step. It is computed in this method so that several processes share gradients.
+        """Return the loss of a training step. DistributedDataParallel averages gradients only for calls of this method.
 
-        For a question, the loss is the cross-entropy. Each question has the same weight as a frame with actions.
+        The loss of a question is the cross-entropy. Each question has the same weight as a frame with actions.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:

@@ -310,7 +310,7 @@ class TrainingRecipe:
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings that determine, together with the vocabulary, the number of weights of the network. By name."""
+        """Settings by name that, together with the vocabulary, determine the shapes of the network's weights."""
         given = self.proprioception.given
         return {
             "family": self.family,
