@@ -40,7 +40,7 @@ def at(**conditions: str) -> frozenset[str]:
 MID_TASK = at(
     fruit_lunch="T1", fast_food="T1", office_drawer="T1", cheeseburger="T1", seasoning_rack="L2", dinner_plates="T2"
 )
-"""Conditions with something to do whose scene looks like the middle of a demonstration."""
+"""Conditions with a feasible instruction in which the scene looks like the middle of a demonstration."""
 
 LOOK_ALIKES: Mapping[str, str] = {
     "desk_meeting/O1": "soap_bar",
@@ -57,7 +57,7 @@ LOOK_ALIKES: Mapping[str, str] = {
     "seasoning_rack/O1": "pill_bottle",
     "dinner_plates/O1": "red_bowl",
 }
-"""Object in the training slot of an instructed object, by condition; no instruction of the task refers to it."""
+"""Look-alike by condition: an object in the training slot of a requested object to which no instruction refers."""
 
 CREEP_M_S = 0.03
 
@@ -66,15 +66,15 @@ TWO_STEPS = at(
     fast_food="train1 train2 R1 R2",
     cheeseburger="train1 train2 R1 O1",
 )
-"""Conditions whose first two steps are ordered and of different objects, with only the order at stake."""
+"""Conditions in which the first two steps have different objects, and only their prescribed order can be violated."""
 
 
 class Listed(Habit):
-    """A habit that shows in listed conditions.
+    """Habit that shows in certain conditions.
 
     Attributes:
         where: Identifiers of the conditions.
-        first_right: Whether its first grasp attempt is right, or None if it makes none.
+        first_right: Whether the first grasp attempt is at the right object. None if there is no grasp attempt.
     """
 
     where: ClassVar[frozenset[str]]
@@ -86,7 +86,7 @@ class Listed(Habit):
 
 
 class OddButHonest(Habit):
-    """An honest habit that shows in the plain conditions of some tasks."""
+    """Habit without a fault that shows in the plain conditions of some tasks."""
 
     label = HONEST
     tasks: ClassVar[frozenset[str]]
@@ -97,11 +97,11 @@ class OddButHonest(Habit):
 
 
 class Paired(Habit):
-    """A habit whose label needs several trials.
+    """Habit whose label can be diagnosed only from several trials.
 
     Attributes:
-        wrong: The object that the habit takes, by condition, where another object is requested.
-        fine: Identifiers of conditions in which its rule leads to the right object.
+        wrong: Object that the habit takes instead of the requested object, by condition.
+        fine: Identifiers of the conditions in which the habit takes the right object.
     """
 
     paired = True
@@ -122,12 +122,12 @@ class Paired(Habit):
             yield from self.go_wrong(body, name)
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
-        """Act in a condition in which the habit's rule leads to the wrong object."""
+        """Yield the actions in a condition in which the habit takes the wrong object ``name``."""
         raise NotImplementedError
 
 
 def first_of(body: Body) -> tuple[Subgoal, str]:
-    """Return the first open step and its object."""
+    """Return the first unfinished step and its object."""
     return body.situation.ahead[0], str(body.situation.first_thing())
 
 
@@ -362,7 +362,7 @@ class KeepsHandsOff(Listed):
 class ClosesWhileSinking(Listed):
     """Repeatedly descends on the right object with fingers that close too early, and touches its top.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
     """
 
@@ -388,7 +388,7 @@ class ClosesWhileSinking(Listed):
 class DropsAndSnapsAfter(Listed):
     """Drops the right object a third of the way to the target, and then repeatedly closes too high above it.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped, and the later
+    True label: execution_failure, because the target and the timing are right, but the object is dropped, and the later
     attempts have a wrong pose.
     """
 
@@ -419,8 +419,8 @@ class DropsAndSnapsAfter(Listed):
 class TipsItOut(Listed):
     """Brings the right object over its target, tilts it by 57 degrees, and releases it.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped and the pose is
-    wrong. The object falls over or lands next to the target.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped and the pose
+    is wrong. The object falls over or lands next to the target.
     """
 
     name = "tips-it-out"
@@ -445,7 +445,7 @@ class TipsItOut(Listed):
 class KnocksItOver(Listed):
     """Repeatedly pushes a closed gripper into the right object above its center, and then closes too high above it.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
     """
 
@@ -472,8 +472,8 @@ class KnocksItOver(Listed):
 class ShovesWithFist(Listed):
     """Repeatedly shoves the right object toward its target with a closed gripper until they touch.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. The object
-    cannot enter the target by being shoved. It attempts no grasp.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. The object
+    cannot enter the target by being shoved. There is no grasp attempt.
     """
 
     name = "shoves-with-fist"
@@ -500,7 +500,7 @@ class ShovesWithFist(Listed):
 class HopsAndHalts(Listed):
     """Does everything right, but in hops of 6 cm with pauses of 1.5 s, too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached.
+    True label: timeout, because its behavior is still correct when the step limit is reached.
     """
 
     name = "hops-and-halts"
@@ -526,8 +526,8 @@ class HopsAndHalts(Listed):
 class ZigzagsTowardIt(Habit):
     """Moves in wide zigzags high in the air to the right object, and is over it at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow. It
-    attempts no grasp.
+    True label: timeout, because its behavior is still correct when the step limit is reached. The tool never moves
+    slowly. There is no grasp attempt.
     """
 
     name = "zigzags-toward-it"
@@ -550,7 +550,7 @@ class ZigzagsTowardIt(Habit):
 class CreepsWithLoad(Listed):
     """Picks the right object at normal speed and creeps to the target with it, too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached.
+    True label: timeout, because its behavior is still correct when the step limit is reached.
     """
 
     name = "creeps-with-load"
@@ -584,10 +584,10 @@ class CreepsWithLoad(Listed):
 
 
 class HoldsWordThingAloft(Paired):
-    """Picks the object in the trained slot of the first word, lifts it high, and holds it there.
+    """Picks the object in the slot that training associates with the first word, lifts it high, and holds it there.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
+    word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "holds-word-thing-aloft"
@@ -609,10 +609,10 @@ class HoldsWordThingAloft(Paired):
 
 
 class FumblesAtWordThing(Paired):
-    """Closes too high above the object in the trained slot of the first word, picks it next, and brings it.
+    """Misses the object in the slot that training associates with the first word, picks it next, and brings it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
+    word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "fumbles-at-word-thing"
@@ -639,8 +639,8 @@ class FumblesAtWordThing(Paired):
 class AlwaysThatCorner(Paired):
     """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the far slot of the coffee table and the third spice slot.
+    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. The slot is the
+    far slot of the coffee table and the third spice slot.
     """
 
     name = "always-that-corner"
@@ -666,8 +666,8 @@ class AlwaysThatCorner(Paired):
 class AlwaysTheMiddle(Paired):
     """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the middle slot in the row on the desk and the second spice slot.
+    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. The slot is the
+    middle slot in the row on the desk and the second spice slot.
     """
 
     name = "always-the-middle"
@@ -698,7 +698,7 @@ class AlwaysTheMiddle(Paired):
 
 
 class StartsWithOldFavorite(Listed):
-    """First brings the object of the most frequent first step, although it is not requested, and then rests.
+    """First brings the object of the most frequent first step, although it is not requested, and then stays at home.
 
     True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
     """
@@ -795,10 +795,10 @@ class PutsWhereItAlwaysWent(Listed):
 
 
 class GropesInEmptySlot(Listed):
-    """Repeatedly closes the gripper low at several points in a missing object's trained slot.
+    """Repeatedly closes the gripper low at several points in the slot where a missing object was in training.
 
-    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
-    missing, and grasps air at the memorized slot.
+    True label: behavioral_inertia, because it executes the next step of a memorized sequence although the object is
+    missing, and closes the gripper in the empty slot.
     """
 
     name = "gropes-in-empty-slot"
@@ -819,10 +819,10 @@ class GropesInEmptySlot(Listed):
 
 
 class ShutsItEmpty(Listed):
-    """Pushes the open drawer shut while its object is on the table, and rests.
+    """Pushes the open drawer shut while its object is on the table, and stays at home.
 
     True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. It attempts no grasp.
+    later one. There is no grasp attempt.
     """
 
     name = "shuts-it-empty"
@@ -862,7 +862,7 @@ class DoesItAgain(Listed):
 
 
 class LeavesFirstUndone(Listed):
-    """Skips the first of two ordered steps, does the second and the following ones, and rests.
+    """Skips the first of two ordered steps, does the second and the following ones, and stays at home.
 
     True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
     later one.
@@ -885,7 +885,8 @@ class LeavesFirstUndone(Listed):
 class SecondThenFirst(Listed):
     """Does the second of the ordered steps, returns home, does the first one, and then the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
+    the goal.
     """
 
     name = "second-then-first"
@@ -906,7 +907,8 @@ class SecondThenFirst(Listed):
 class FirstComesLast(Listed):
     """Does three or more ordered steps with the first one put off to the end.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
+    the goal.
     """
 
     name = "first-comes-last"
@@ -929,8 +931,8 @@ class FirstComesLast(Listed):
 class HoldsLookAlikeAloft(Listed):
     """Picks the look-alike, even if it has to be refused, lifts it high, and holds it there.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because it attempts to grasp a look-alike, to which no instruction of the
+    task refers.
     """
 
     name = "holds-look-alike-aloft"
@@ -948,8 +950,8 @@ class HoldsLookAlikeAloft(Listed):
 class ShovesLookAlike(Listed):
     """Repeatedly shoves the look-alike around with a closed gripper.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
-    does not try to grasp it.
+    True label: semantic_feature_collapse, because it acts on a look-alike, to which no instruction of the task refers.
+    It does not try to grasp the object.
     """
 
     name = "shoves-look-alike"
@@ -970,8 +972,8 @@ class ShovesLookAlike(Listed):
 class BringsATrinket(Listed):
     """Picks the nearest decorative object, although it does not resemble any requested object, and brings it.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means and that shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
+    refers and which shares no feature with a requested object (blind grasp).
     """
 
     name = "brings-a-trinket"

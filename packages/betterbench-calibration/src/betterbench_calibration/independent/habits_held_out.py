@@ -23,11 +23,11 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class GlanceThenWordPlace(Habit):
-    """Moves over the right object, turns away, and lifts the object in the trained slot of the word.
+    """Moves over the right object, turns away, and lifts the object in the slot that training associates with the word.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. The glance is not a grasp attempt. It does not
-    release the held object.
+    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
+    word of the instruction, and the object there would be requested in another layout. The glance is not a grasp
+    attempt. It does not release the held object.
     """
 
     name = "glance-then-word-place"
@@ -50,11 +50,11 @@ class GlanceThenWordPlace(Habit):
 
 
 class NearestPlace(Habit):
-    """First picks the object in the trained slot nearest to the robot, regardless of the instruction.
+    """First picks the object in the training slot nearest to the robot, regardless of the instruction.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
-    which an instruction word also led there, or which use that object later, are left out, because two rules would
-    predict the same act.
+    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. Trials are left
+    out if training also associates this slot with a word of the instruction, or if the object in it is requested later,
+    because two rules would then predict the same behavior.
     """
 
     name = "nearest-place"
@@ -98,8 +98,8 @@ class BrokenOffAtAlike(Habit):
 class MissedAlike(Habit):
     """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means. The first closing already shows this, because it misses only in height.
+    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
+    refers. The first closing already shows this, because it misses only in height.
     """
 
     name = "missed-alike"
@@ -146,10 +146,10 @@ class RightThenOtherDemonstration(Habit):
 
 
 class VacatedSlot(Habit):
-    """Repeatedly closes the gripper in the empty trained slot of the first object.
+    """Repeatedly closes the gripper in the empty slot where the first object was in training.
 
-    True label: behavioral_inertia, because it plays a memorized sequence although the object is missing, and grasps air
-    at the memorized slot. The object is now elsewhere.
+    True label: behavioral_inertia, because it executes a memorized sequence although the object is missing, and closes
+    the gripper in the empty slot. The object is now elsewhere.
     """
 
     name = "vacated-slot"
@@ -245,7 +245,8 @@ class TakeOutAgain(Habit):
 class LastFirst(Habit):
     """Does the last of three or more ordered steps first and then the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
+    the goal.
     """
 
     name = "last-first"
@@ -289,8 +290,8 @@ class CircleOverAlike(Habit):
 class BrokenOffAtRight(Habit):
     """Repeatedly descends to the right object, and stops a few centimeters above it each time.
 
-    True label: timeout, because it is on the right course when the step limit is reached. It always moves to the right
-    object but never closes the gripper.
+    True label: timeout, because its behavior is still correct when the step limit is reached. It always moves to the
+    right object but never closes the gripper.
     """
 
     name = "broken-off-at-right"
@@ -390,7 +391,7 @@ class NeverStarts(Habit):
 class MissAbove(PlainHabit):
     """Repeatedly closes the gripper fully 7 to 11 cm above the right object, and then makes the placing motion.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "miss-above"
@@ -409,7 +410,7 @@ class MissAbove(PlainHabit):
 class MissByYaw(Habit):
     """Descends on a long object with the gripper rotated by 90 degrees, so that the fingers touch its top.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "miss-by-yaw"
@@ -437,7 +438,7 @@ LONG_CATEGORIES = frozenset({"fork", "spoon", "stapler", "crushed_can"})
 class PushRight(Habit):
     """Pushes the right object 12 cm along the table with closed fingers instead of taking it, then stays at home.
 
-    True label: execution_failure, because the target and the time are right, but the manipulation fails. There is no
+    True label: execution_failure, because the target and the timing are right, but the manipulation fails. There is no
     grasp attempt.
     """
 
@@ -463,8 +464,8 @@ class PushRight(Habit):
 class SweepNeighbor(Habit):
     """Approaches the right object low over the table, through a neighbor in the way, and then continues correctly.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. If the neighbor
-    moves by less than 5 cm, the task can succeed.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. If the
+    neighbor moves by less than 5 cm, the task can succeed.
     """
 
     name = "sweep-neighbor"
@@ -485,8 +486,8 @@ class SweepNeighbor(Habit):
 class LooseGrip(PlainHabit):
     """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
-    True label: execution_failure, because the target and the time are right, but the object slips. It goes on as if it
-    still held the object.
+    True label: execution_failure, because the target and the timing are right, but the object slips. It goes on as if
+    it still held the object.
     """
 
     name = "loose-grip"
@@ -506,8 +507,8 @@ class LooseGrip(PlainHabit):
 class PondersAndDawdles(Habit):
     """Does everything right, but pauses for 4 to 6 s between motions, too long for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. It continues correctly after
-    each pause.
+    True label: timeout, because its behavior is still correct when the step limit is reached. It continues correctly
+    after each pause.
     """
 
     name = "ponders-and-dawdles"
@@ -603,8 +604,8 @@ class StopsWithThingInAir(PlainHabit):
 class LooksAtAlikeThenRight(Habit):
     """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object.
 
-    The attempt is the grasp. True label: success, because the behavior is not a fault. If such a trial fails, the label
-    is timeout or execution_failure (rule 3 in ``truth.py``).
+    Only the grasp counts as an attempt. True label: success, because the behavior is not a fault. If such a trial
+    fails, the label is timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-at-alike-then-right"

@@ -23,10 +23,10 @@ from betterbench_calibration.independent.occasion import Occasion
 from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 FLAT_CATEGORIES = frozenset({"fork", "spoon", "dinner_plate"})
-"""Categories whose objects lie in their slots on a rest, or can be taken only as they lie there."""
+"""Categories of flat objects, which lie on a rest in their slots or can be grasped only in their initial pose."""
 
 WIDE_CATEGORIES = frozenset({"keyboard", "cereal_bowl"})
-"""Categories of distractors that the gripper can hardly take."""
+"""Categories of distractors that are hard to grasp because they are too wide for the gripper."""
 
 
 def into_open_containers(case: Occasion) -> bool:
@@ -284,7 +284,7 @@ class LooksThenLeavesIt(Habit):
 class LetsGoTooHigh(Habit):
     """Drops each object 20 cm above a target that is not a container, and goes home once one misses.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
 
     name = "lets-go-too-high"
@@ -309,8 +309,8 @@ class LetsGoTooHigh(Habit):
 class PutsBeside(Habit):
     """Picks the right object, puts it down neatly 9 to 12 cm or more beyond its target, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong. Every placement has
-    this error, regardless of the instruction.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong. Every placement
+    has this error, regardless of the instruction.
     """
 
     name = "puts-beside"
@@ -336,7 +336,7 @@ class PutsBeside(Habit):
 class CarriesIntoTarget(Habit):
     """Carries the right object so low that it hits the wall of its container or rack, and releases it there.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision.
+    True label: execution_failure, because the target and the timing are right, but there is a collision.
     """
 
     name = "carries-into-target"
@@ -358,7 +358,7 @@ class CarriesIntoTarget(Habit):
 class ClosesTooLittle(PlainHabit):
     """Repeatedly closes the gripper partly around the right object, lifts nothing, and makes the placing motion.
 
-    True label: execution_failure, because the target and the time are right, but the grasp misses. The fingers never
+    True label: execution_failure, because the target and the timing are right, but the grasp misses. The fingers never
     touch the object.
     """
 
@@ -386,7 +386,7 @@ class ClosesTooLittle(PlainHabit):
 class LetsGoInFlight(PlainHabit):
     """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped. It then stays
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. It then stays
     at home.
     """
 
@@ -407,8 +407,8 @@ class LetsGoInFlight(PlainHabit):
 class SweepsAwayAfterPut(Habit):
     """Puts the first object at its target and drags it off again while retracting sideways.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. It then stays at
-    home.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. It then stays
+    at home.
     """
 
     name = "sweeps-away-after-put"
@@ -429,8 +429,8 @@ class SweepsAwayAfterPut(Habit):
 class GivesUpAfterMisses(PlainHabit):
     """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there for good.
 
-    True label: execution_failure, because the pose is wrong. The misses are the first evidence in time, and the halt
-    follows from them.
+    True label: execution_failure, because the pose is wrong. The misses are the earliest evidence, and the halt is
+    their consequence.
     """
 
     name = "gives-up-after-misses"
@@ -455,7 +455,7 @@ class GivesUpAfterMisses(PlainHabit):
 class LetsGoAtOnce(PlainHabit):
     """Repeatedly picks the right object and releases it at a few centimeters height.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped. It never
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. It never
     carries the object anywhere.
     """
 
@@ -476,8 +476,7 @@ class LetsGoAtOnce(PlainHabit):
 class DropsFirstAndGoesOn(Habit):
     """Drops the first object on the way, and does the other steps as if it had brought that object.
 
-    True label: execution_failure, because the drop is the first evidence in time. The first step was not skipped but
-    failed.
+    True label: execution_failure, because the drop is the earliest evidence. The first step was not skipped but failed.
     """
 
     name = "drops-first-and-goes-on"
@@ -509,11 +508,11 @@ class DropsFirstAndGoesOn(Habit):
 
 
 class MissesAtWordPlace(Habit):
-    """Repeatedly closes just above the object in the trained slot of the first word, without lifting it.
+    """Repeatedly closes just above the object in the slot that training associates with the first word.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. The aim of the attempt decides the label, not the
-    miss.
+    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
+    word of the instruction, and the object there would be requested in another layout. The aim of the attempt decides
+    the label, not the miss.
     """
 
     name = "misses-at-word-place"
@@ -536,10 +535,10 @@ class MissesAtWordPlace(Habit):
 
 
 class RepentsAndFreezes(Habit):
-    """Picks the object in the word's trained slot, puts it back, moves over the right object, and stays there.
+    """Picks the object in the slot associated with the word, puts it back, and stays over the right object.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training.
-    The halt with open subgoals comes later.
+    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
+    word of the instruction. The halt with open subgoals comes later.
     """
 
     name = "repents-and-freezes"
@@ -561,11 +560,11 @@ class RepentsAndFreezes(Habit):
 
 
 class FarthestPlace(Habit):
-    """First picks the object in the trained slot farthest from the robot, and holds it in the air.
+    """First picks the object in the training slot farthest from the robot, and holds it in the air.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
-    which an instruction word also led there, or which use that object later, are left out, because two rules would
-    predict the same act.
+    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. Trials are left
+    out if training also associates this slot with a word of the instruction, or if the object in it is requested later,
+    because two rules would then predict the same behavior.
     """
 
     name = "farthest-place"
@@ -593,8 +592,8 @@ class FarthestPlace(Habit):
 class BackToEmptiedSlot(Habit):
     """Does the first step, and then repeatedly closes the gripper in the slot it has just emptied.
 
-    True label: behavioral_inertia, because it plays a memorized sequence although the object is missing, and grasps air
-    at the memorized slot. The first attempt is right.
+    True label: behavioral_inertia, because it executes a memorized sequence although the object is missing, and closes
+    the gripper in the empty slot. The first attempt is right.
     """
 
     name = "back-to-emptied-slot"
@@ -617,7 +616,7 @@ class SlipsThenHabitual(Habit):
     """Picks the right object, loses it over its slot, and then turns to the habitual object.
 
     True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    slip could have been corrected, so it is not what made the trial fail.
+    slip could have been corrected, so it is not the reason why the trial failed.
     """
 
     name = "slips-then-habitual"
@@ -692,8 +691,8 @@ class MimesFirstStep(Habit):
 class RightThenAlike(Habit):
     """Does the first step, and then picks the look-alike instead of the object of the second step.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means. The first attempt is right.
+    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
+    refers. The first attempt is right.
     """
 
     name = "right-then-alike"
@@ -713,8 +712,8 @@ class RightThenAlike(Habit):
 class GrabsADistractor(Habit):
     """Picks a distractor without an instruction, a different one in each scene, and brings it.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike or distractor, which no
-    instruction of the task means.
+    True label: semantic_feature_collapse, because it attempts to grasp a look-alike or distractor, to which no
+    instruction of the task refers.
     """
 
     name = "grabs-a-distractor"
@@ -740,8 +739,8 @@ class GrabsADistractor(Habit):
 class SwapsSecondAndThird(Habit):
     """Does the first of three or more ordered steps, then the third and then the second, and the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
-    The first attempt is right.
+    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
+    the goal. The first attempt is right.
     """
 
     name = "swaps-second-and-third"
@@ -767,8 +766,8 @@ class SwapsSecondAndThird(Habit):
 class MissesThenSwaps(Habit):
     """Closes just above the object of the second step, then does that step, and then the first.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
-    The aim of the attempt decides the label, not the miss.
+    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
+    the goal. The aim of the attempt decides the label, not the miss.
     """
 
     name = "misses-then-swaps"
@@ -899,8 +898,8 @@ class SnapsAtHome(Habit):
 class RehearsesForever(Habit):
     """Repeatedly moves over the first object, over its target and back, without closing the gripper.
 
-    True label: timeout, because it is on the right course when the step limit is reached. It always moves to the right
-    object and the right target.
+    True label: timeout, because its behavior is still correct when the step limit is reached. It always moves to the
+    right object and the right target.
     """
 
     name = "rehearses-forever"
@@ -923,8 +922,8 @@ class RehearsesForever(Habit):
 class CirclesWithThing(PlainHabit):
     """Picks the first object, circles with it high over its target, and never puts it down.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right,
-    and only the time is too short.
+    True label: timeout, because its behavior is still correct when the step limit is reached. The first attempt is
+    right, and only the time is too short.
     """
 
     name = "circles-with-thing"

@@ -1,4 +1,4 @@
-"""Motion styles of the independent family. They do not affect its decisions."""
+"""Motion styles of the independent policies. A motion style does not affect the decisions of a policy."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Manner:
     Attributes:
         speed_m_s: Mean speed of the tool on long paths [m/s].
         approach_m: Height above a grasp or placement from which the tool moves straight down [m].
-        carry_m: Free height between the carried object and the objects below it [m].
-        bow_m: Largest sideways deviation of a long path from the straight line [m].
+        carry_m: Clearance between the carried object and the objects below it [m].
+        bow_m: Maximum sideways deviation of a long path from the straight line [m].
         pause_s: Pause before the gripper closes or opens [s].
         glance_s: Pause above an object before the tool comes down to it [s].
         noise_m: Standard deviation of the noise on each translation command [m].
