@@ -1,4 +1,4 @@
-"""``better audit-paper``: consistency checks for printed numbers, and tests based on the numbers of trials."""
+"""``better audit-paper``: consistency checks of published numbers, and statistical tests of claims."""
 
 from __future__ import annotations
 
