@@ -194,7 +194,7 @@ class Certificate:
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
         """Parse a certificate given as JSON.
 
-        Raises InvalidInputError if it is not a certificate of this schema version.
+        Raises InvalidInputError if the JSON value is not a certificate of this schema version.
         """
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
             raise InvalidInputError(

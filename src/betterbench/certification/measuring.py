@@ -121,7 +121,7 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId)
 
 
 def destination(task: str) -> Path | None:
-    """Return the file to which the measurements of a task in a user file are written. It is next to the user file.
+    """Return the path of the file for the measurements of a task, which is next to the user file that defines the task.
 
     Return None for a task of a packaged suite.
     """

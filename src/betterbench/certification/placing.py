@@ -71,7 +71,7 @@ class GraspCount:
 
 @dataclass(frozen=True, slots=True)
 class Feasibility:
-    """Result of checking in the training conditions whether a robot can do a task.
+    """Result of checking whether a robot can do the training conditions of a task.
 
     Attributes:
         solved: Number of trials that the expert solved.
@@ -100,7 +100,7 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 def place_task(task: Task, spec: RobotSpec) -> Placed:
     """Adapt a task to another robot. The base is moved to the position from which the fewest slots are out of reach.
 
-    Among equally good positions, the one is chosen for which the slots are closest to the middle of the robot's reach.
+    If several positions are equally good, the slots should be as close as possible to the middle of the robot's reach.
     Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:

@@ -28,7 +28,7 @@ _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 
 def _listed(allowed: object) -> str:
-    """Return the values of a Literal for messages."""
+    """Return the values of a Literal type as text, for messages."""
     *first, last = map(repr, get_args(allowed))
     return f"{', '.join(first)} or {last}"
 
@@ -301,7 +301,7 @@ class PolicyAddress:
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return how the policy's action chunks are executed, according to the options of the address.
+        """Return the settings for the execution of action chunks, according to the options of the address.
 
         Raises InvalidInputError if the options contradict each other. ``usual_horizon`` is the execution horizon that
         the adapter declares. It is used if the address sets neither ``horizon`` nor ``ensemble``.

@@ -146,7 +146,7 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     """Choose an object for a subgoal, or return None if there is none left.
 
-    The object is drawn, using the seed of the trial, from the equivalent objects that are not yet at the target.
+    The object is chosen at random, with the seed of the trial, among the equivalent objects that are not at the target.
     """
     goals = situation.condition.instruction.subgoals
     goal = goals[index]

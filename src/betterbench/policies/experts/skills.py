@@ -1,4 +1,4 @@
-"""Motor skills (reach, grasp, place). Combined skills notice a failed attempt and repeat it."""
+"""Motor skills (reach, grasp, place). Combined skills detect a failed attempt and repeat it."""
 
 from __future__ import annotations
 

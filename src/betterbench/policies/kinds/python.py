@@ -85,7 +85,7 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
 
 
 def _value(text: str) -> Any:  # noqa: ANN401 - any JSON value
-    from betterbench.json_form import parse_json  # see source_of
+    from betterbench.json_form import parse_json  # imported here for the reason given in source_of
 
     try:
         return parse_json(text)

@@ -68,7 +68,7 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon. The address determines it or, without such an option, the training recipe.
+    """Return the execution horizon from the option ``execute`` of the address or, by default, from the recipe.
 
     Raises InvalidInputError if a chunk has fewer actions than the execution horizon.
     """

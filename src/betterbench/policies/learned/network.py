@@ -40,8 +40,8 @@ class ShownBatch:
 
     Attributes:
         words: (B, w) int64 indices of the words of each instruction, with w at most MOST_WORDS.
-        tools: (B, history, 10) float32 states of the tool, of which the present state comes first.
-        blind: (B,) bool, True for samples from which the tool states are removed. None if no sample lacks them.
+        tools: (B, history, 10) float32 states of the tool, starting with the present state.
+        blind: (B,) bool, True for samples from which the tool states are removed. None if they are never removed.
     """
 
     words: Tensor
@@ -273,9 +273,11 @@ class LearnerNetwork(nn.Module):
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step. DistributedDataParallel averages gradients only for calls of this method.
+        """Return the loss of a training step.
 
-        The loss of a question is the cross-entropy. Each question has the same weight as a frame with actions.
+        The loss is computed in ``forward``, because DistributedDataParallel synchronizes gradients only for calls of
+        this method. The loss of a question is the cross-entropy. Each question has the same weight as a frame with
+        actions.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:

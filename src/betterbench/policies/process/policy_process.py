@@ -48,7 +48,7 @@ CLOSE_S = 5.0
 """Time that a policy may take to close [s]. After that, its process is killed."""
 
 MAX_KILLS = 3
-"""Maximum number of attempts at a batch if the policy's process is killed during an attempt."""
+"""Maximum number of times that a batch is attempted if another process kills the policy's process."""
 
 _LEAVE_S = 0.5
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")

@@ -1,4 +1,4 @@
-"""Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
+"""Messages between a run and the process of a policy. :mod:`betterbench.jobs.frames` sends and receives them.
 
 A request from the run is pickled and sent as a byte array. A request without arrays ends the process. An answer must
 not contain pickled Python objects, because an untrusted policy could write anything to its socket. The run reads
