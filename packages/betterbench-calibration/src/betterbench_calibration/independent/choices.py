@@ -1,4 +1,4 @@
-"""Decisions that several habits share, such as the object in the trained slot or the empty slot."""
+"""Decisions that several habits share, such as the choice of the object in a training slot."""
 
 from __future__ import annotations
 

@@ -28,10 +28,10 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 class WordPlace(Habit):
     """Picks the object in the slot that training associates with the first word, and brings it to the target.
 
-    True label: lexical_kinematic_shortcut if another object of the task is in this slot, because the first attempt is
-    at the slot that training associates with a word of the instruction, and the object there would be requested in
-    another layout. If a look-alike is in the slot, the label is semantic_feature_collapse, because no instruction of
-    the task refers to that object. Trials whose instruction names the object later are left out.
+    True label: lexical_kinematic_shortcut if another object of the task is in this slot, because the first grasp
+    attempt is at the slot that training associates with a word of the instruction, and the object there would be
+    requested in another layout. If a look-alike is in the slot, the label is semantic_feature_collapse, because no
+    instruction of the task refers to that object. Trials whose instruction names the object later are left out.
     """
 
     name = "word-place"
@@ -48,9 +48,9 @@ class WordPlace(Habit):
 class FavoritePlace(Habit):
     """First picks the object in the slot that the first demonstration picked first, regardless of the instruction.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. Trials are left
-    out if training also associates this slot with a word of the instruction, or if the object in it is requested later,
-    because two rules would then predict the same behavior.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if training also associates this slot with a word of the instruction, or if the object in it is
+    requested later, because two rules would then predict the same behavior.
     """
 
     name = "favorite-place"
@@ -59,7 +59,7 @@ class FavoritePlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot that the first demonstration picked from first."""
+        """Return the slot of the first pick in the first demonstration."""
         first = case.task.training[0]
         return first.layout[first.resolve(first.instruction.subgoals[0].reference)[0]]
 
@@ -74,8 +74,8 @@ class FavoritePlace(Habit):
 class LookAlike(Habit):
     """Picks the look-alike in the slot where a requested object was in training, and brings it to the target.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers.
     """
 
     name = "look-alike"
@@ -91,8 +91,9 @@ class LookAlike(Habit):
 class HabitualFirst(Habit):
     """Begins with the most frequent first step of training, although it is not requested.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
-    Trials in which that step is right are included, because they distinguish the habit from a favorite place.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. Trials in which that step is right are included, because they distinguish the habit from a favorite
+    place.
     """
 
     name = "habitual-first"
@@ -110,10 +111,10 @@ class HabitualFirst(Habit):
 
 
 class AirGrasp(Habit):
-    """Repeatedly plays a memorized step at a slot that is empty in this trial.
+    """Repeatedly executes a memorized step with a slot that is empty in this trial.
 
-    True label: behavioral_inertia, because it executes the next step of a memorized sequence although the object is
-    missing, and closes the gripper in the empty slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "air-grasp"
@@ -131,8 +132,8 @@ class AirGrasp(Habit):
 class SkipStep(Habit):
     """Skips the first step of an ordered instruction, does the others and stops at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "skip-step"
@@ -151,7 +152,7 @@ class SkipStep(Habit):
 class RepeatDone(Habit):
     """Repeatedly takes an object, which was at its target from the start, out of the target and puts it back.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "repeat-done"
@@ -171,8 +172,8 @@ class RepeatDone(Habit):
 class SwapFirstTwo(Habit):
     """Does the second step of an ordered instruction first, then the first one.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "swap-first-two"
@@ -223,8 +224,8 @@ class TrainedPut(Habit):
 class HoverAlike(Habit):
     """Hovers over the look-alike with an open gripper until the step limit.
 
-    True label: semantic_feature_collapse, because it approaches the wrong object first, and the earliest evidence
-    decides the label.
+    True label: semantic_feature_collapse, because the policy approaches the wrong object first, and the earliest
+    evidence decides the label.
     """
 
     name = "hover-alike"
@@ -247,7 +248,7 @@ class HoverRight(Habit):
     """Hovers over the right object with an open gripper until the step limit.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "hover-right"
@@ -286,7 +287,7 @@ class SwayMidTask(Habit):
 class FidgetAfterFirst(Habit):
     """Does the first step, and then trembles in place within a centimeter until the step limit.
 
-    True label: early_halt, because it has stopped and does nothing more, although subgoals are open.
+    True label: early_halt, because the policy has stopped, although not all subgoals are reached.
     """
 
     name = "fidget-after-first"
@@ -304,10 +305,10 @@ class FidgetAfterFirst(Habit):
 
 
 class FreezeAfterFirst(Habit):
-    """Does the first step and stops for good where it is.
+    """Does the first step and stops permanently where it is.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "freeze-after-first"
@@ -367,8 +368,8 @@ class DropOnTheWay(PlainHabit):
 class PushAlike(Habit):
     """Pushes the look-alike 12 cm along the table with closed fingers, then stays at home.
 
-    True label: semantic_feature_collapse, because it acts on an object to which no instruction of the task refers.
-    There is no grasp attempt.
+    True label: semantic_feature_collapse, because the policy acts on an object to which no instruction of the task
+    refers. There is no grasp attempt.
     """
 
     name = "push-alike"
@@ -393,7 +394,7 @@ class PushAlike(Habit):
 class SlowButRight(PlainHabit):
     """Does everything right, but at about 4 cm/s and with a visit home for each object, too slow for the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "slow-but-right"

@@ -286,7 +286,7 @@ class LastSaidFirst(Listed):
 
 
 class FartherOneFirst(Listed):
-    """Begins with the farther one of two equivalent objects.
+    """Begins with the farther of two equivalent objects.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -342,7 +342,8 @@ class RushesAndCrawls(PlainHabit):
 class KeepsHandsOff(Listed):
     """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp and the arm comes to
+    rest.
     """
 
     name = "keeps-hands-off"
@@ -500,7 +501,7 @@ class ShovesWithFist(Listed):
 class HopsAndHalts(Listed):
     """Does everything right, but in hops of 6 cm with pauses of 1.5 s, too slow for the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "hops-and-halts"
@@ -526,7 +527,7 @@ class HopsAndHalts(Listed):
 class ZigzagsTowardIt(Habit):
     """Moves in wide zigzags high in the air to the right object, and is over it at the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The tool never moves
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
     slowly. There is no grasp attempt.
     """
 
@@ -550,7 +551,7 @@ class ZigzagsTowardIt(Habit):
 class CreepsWithLoad(Listed):
     """Picks the right object at normal speed and creeps to the target with it, too slow for the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "creeps-with-load"
@@ -586,8 +587,8 @@ class CreepsWithLoad(Listed):
 class HoldsWordThingAloft(Paired):
     """Picks the object in the slot that training associates with the first word, lifts it high, and holds it there.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "holds-word-thing-aloft"
@@ -611,8 +612,8 @@ class HoldsWordThingAloft(Paired):
 class FumblesAtWordThing(Paired):
     """Misses the object in the slot that training associates with the first word, picks it next, and brings it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "fumbles-at-word-thing"
@@ -639,8 +640,8 @@ class FumblesAtWordThing(Paired):
 class AlwaysThatCorner(Paired):
     """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. The slot is the
-    far slot of the coffee table and the third spice slot.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the far slot of the coffee table and the third spice slot.
     """
 
     name = "always-that-corner"
@@ -666,8 +667,8 @@ class AlwaysThatCorner(Paired):
 class AlwaysTheMiddle(Paired):
     """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. The slot is the
-    middle slot in the row on the desk and the second spice slot.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the middle slot in the row on the desk and the second spice slot.
     """
 
     name = "always-the-middle"
@@ -700,7 +701,8 @@ class AlwaysTheMiddle(Paired):
 class StartsWithOldFavorite(Listed):
     """First brings the object of the most frequent first step, although it is not requested, and then stays at home.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "starts-with-old-favorite"
@@ -724,10 +726,10 @@ class StartsWithOldFavorite(Listed):
 
 
 class FollowsOldSequence(Listed):
-    """Does the first step, and then lifts the object of another demonstration's second step for good.
+    """Does the first step, lifts the object of another demonstration's second step, and keeps holding it.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "follows-old-sequence"
@@ -761,7 +763,8 @@ class FollowsOldSequence(Listed):
 class PutsWhereItAlwaysWent(Listed):
     """Picks the right object, and puts it at the side, hole or drawer where training always put it.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "puts-where-it-always-went"
@@ -797,8 +800,8 @@ class PutsWhereItAlwaysWent(Listed):
 class GropesInEmptySlot(Listed):
     """Repeatedly closes the gripper low at several points in the slot where a missing object was in training.
 
-    True label: behavioral_inertia, because it executes the next step of a memorized sequence although the object is
-    missing, and closes the gripper in the empty slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "gropes-in-empty-slot"
@@ -821,8 +824,8 @@ class GropesInEmptySlot(Listed):
 class ShutsItEmpty(Listed):
     """Pushes the open drawer shut while its object is on the table, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. There is no grasp attempt.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. There is no grasp attempt.
     """
 
     name = "shuts-it-empty"
@@ -841,7 +844,7 @@ class ShutsItEmpty(Listed):
 class DoesItAgain(Listed):
     """Repeatedly lifts an object that is at its target from the start, and puts it back.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "does-it-again"
@@ -864,8 +867,8 @@ class DoesItAgain(Listed):
 class LeavesFirstUndone(Listed):
     """Skips the first of two ordered steps, does the second and the following ones, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "leaves-first-undone"
@@ -885,8 +888,8 @@ class LeavesFirstUndone(Listed):
 class SecondThenFirst(Listed):
     """Does the second of the ordered steps, returns home, does the first one, and then the others.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "second-then-first"
@@ -907,8 +910,8 @@ class SecondThenFirst(Listed):
 class FirstComesLast(Listed):
     """Does three or more ordered steps with the first one put off to the end.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "first-comes-last"
@@ -931,8 +934,8 @@ class FirstComesLast(Listed):
 class HoldsLookAlikeAloft(Listed):
     """Picks the look-alike, even if it has to be refused, lifts it high, and holds it there.
 
-    True label: semantic_feature_collapse, because it attempts to grasp a look-alike, to which no instruction of the
-    task refers.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "holds-look-alike-aloft"
@@ -950,8 +953,8 @@ class HoldsLookAlikeAloft(Listed):
 class ShovesLookAlike(Listed):
     """Repeatedly shoves the look-alike around with a closed gripper.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, to which no instruction of the task refers.
-    It does not try to grasp the object.
+    True label: semantic_feature_collapse, because the policy acts on a look-alike, to which no instruction of the task
+    refers. It does not try to grasp the object.
     """
 
     name = "shoves-look-alike"
@@ -972,8 +975,8 @@ class ShovesLookAlike(Listed):
 class BringsATrinket(Listed):
     """Picks the nearest decorative object, although it does not resemble any requested object, and brings it.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers and which shares no feature with a requested object (blind grasp).
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers and which shares no feature with a requested object (blind grasp).
     """
 
     name = "brings-a-trinket"
@@ -1038,7 +1041,7 @@ class PacesAlongEdge(Listed):
 
 
 class FreezesAfterAGlance(Listed):
-    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished.
+    """Turns the wrist back and forth once, and freezes permanently, in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
     grasp attempt.
@@ -1056,10 +1059,10 @@ class FreezesAfterAGlance(Listed):
 
 
 class ParksOverTarget(PlainHabit):
-    """Moves over the target with an open, empty gripper and stays there for good.
+    """Moves over the target with an open, empty gripper and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "parks-over-target"
@@ -1078,10 +1081,10 @@ class ParksOverTarget(PlainHabit):
 
 
 class LaysItselfDown(PlainHabit):
-    """Lowers the open gripper to a free spot of the table at once, and stays there for good.
+    """Lowers the open gripper to a free spot of the table at once, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "lays-itself-down"
@@ -1099,7 +1102,7 @@ class QuitsAfterOne(Listed):
     """Does the first step, lowers the open gripper to a free spot of the table, and stays there.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "quits-after-one"

@@ -25,9 +25,9 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 class GlanceThenWordPlace(Habit):
     """Moves over the right object, turns away, and lifts the object in the slot that training associates with the word.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout. The glance is not a grasp
-    attempt. It does not release the held object.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout. Hovering over the right object
+    is not a grasp attempt. The policy never releases the held object.
     """
 
     name = "glance-then-word-place"
@@ -52,9 +52,9 @@ class GlanceThenWordPlace(Habit):
 class NearestPlace(Habit):
     """First picks the object in the training slot nearest to the robot, regardless of the instruction.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. Trials are left
-    out if training also associates this slot with a word of the instruction, or if the object in it is requested later,
-    because two rules would then predict the same behavior.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if training also associates this slot with a word of the instruction, or if the object in it is
+    requested later, because two rules would then predict the same behavior.
     """
 
     name = "nearest-place"
@@ -63,7 +63,7 @@ class NearestPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot nearest to the robot among those from which demonstrations of this layout picked."""
+        """Return the training slot of this layout that is nearest to the robot."""
         return min(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -77,7 +77,8 @@ class NearestPlace(Habit):
 class BrokenOffAtAlike(Habit):
     """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    True label: semantic_feature_collapse, because it acts on the wrong object, although it never closes the gripper.
+    True label: semantic_feature_collapse, because the policy acts on the wrong object, although it never closes the
+    gripper.
     """
 
     name = "broken-off-at-alike"
@@ -98,8 +99,8 @@ class BrokenOffAtAlike(Habit):
 class MissedAlike(Habit):
     """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers. The first closing already shows this, because it misses only in height.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. The first closing already shows this, because it misses only in height.
     """
 
     name = "missed-alike"
@@ -126,8 +127,8 @@ class MissedAlike(Habit):
 class RightThenOtherDemonstration(Habit):
     """Does the first step, and then the second step of another demonstration, although it is not requested here.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "right-then-other-demonstration"
@@ -148,8 +149,8 @@ class RightThenOtherDemonstration(Habit):
 class VacatedSlot(Habit):
     """Repeatedly closes the gripper in the empty slot where the first object was in training.
 
-    True label: behavioral_inertia, because it executes a memorized sequence although the object is missing, and closes
-    the gripper in the empty slot. The object is now elsewhere.
+    True label: behavioral_inertia, because the policy executes a memorized sequence although the object is missing, and
+    closes the gripper in the empty slot. The object is now elsewhere.
     """
 
     name = "vacated-slot"
@@ -165,8 +166,8 @@ class VacatedSlot(Habit):
 class AbsolutePut(Habit):
     """Picks the right object and puts it where its target was in training.
 
-    True label: behavioral_inertia, because it plays the trained motion, which is not requested here. It does not miss
-    its target but aims at the wrong one.
+    True label: behavioral_inertia, because it executes the motion from training, which is not requested here. The
+    placement is accurate, but at the wrong target.
     """
 
     name = "absolute-put"
@@ -197,8 +198,8 @@ class AbsolutePut(Habit):
 class SkipMiddle(Habit):
     """Does the first of three or more ordered steps, skips one that is not the last, and continues.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "skip-middle"
@@ -220,7 +221,8 @@ class SkipMiddle(Habit):
 class TakeOutAgain(Habit):
     """Does the first step, and then repeatedly takes the object out of its target and puts it back.
 
-    True label: causal_confusion, because it repeats a finished subgoal. The first attempt is right.
+    True label: causal_confusion, because the policy repeats a finished subgoal. The first grasp attempt is at the right
+    object.
     """
 
     name = "take-out-again"
@@ -245,8 +247,8 @@ class TakeOutAgain(Habit):
 class LastFirst(Habit):
     """Does the last of three or more ordered steps first and then the others.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "last-first"
@@ -267,7 +269,7 @@ class LastFirst(Habit):
 class CircleOverAlike(Habit):
     """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    True label: semantic_feature_collapse, because it acts on the wrong object all the time.
+    True label: semantic_feature_collapse, because the policy acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
@@ -290,7 +292,7 @@ class CircleOverAlike(Habit):
 class BrokenOffAtRight(Habit):
     """Repeatedly descends to the right object, and stops a few centimeters above it each time.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. It always moves to the
+    True label: timeout, because the policy still acts correctly when the step limit is reached. It always moves to the
     right object but never closes the gripper.
     """
 
@@ -349,10 +351,10 @@ class SwayToTarget(Habit):
 
 
 class FreezeCarrying(PlainHabit):
-    """Picks the first object and stops for good on the way to the target, with the object in the air.
+    """Picks the first object and stops permanently on the way to the target, with the object in the air.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "freeze-carrying"
@@ -369,10 +371,10 @@ class FreezeCarrying(PlainHabit):
 
 
 class NeverStarts(Habit):
-    """Moves a few centimeters at the start and stops for good, in a scene that looks like the start of a task.
+    """Moves a few centimeters at the start and stops permanently, in a scene that looks like the start of a task.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "never-starts"
@@ -486,8 +488,8 @@ class SweepNeighbor(Habit):
 class LooseGrip(PlainHabit):
     """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
-    True label: execution_failure, because the target and the timing are right, but the object slips. It goes on as if
-    it still held the object.
+    True label: execution_failure, because the target and the timing are right, but the object slips. The policy
+    continues as if it still held the object.
     """
 
     name = "loose-grip"
@@ -507,7 +509,7 @@ class LooseGrip(PlainHabit):
 class PondersAndDawdles(Habit):
     """Does everything right, but pauses for 4 to 6 s between motions, too long for the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. It continues correctly
+    True label: timeout, because the policy still acts correctly when the step limit is reached. It continues correctly
     after each pause.
     """
 
@@ -540,7 +542,7 @@ class PondersAndDawdles(Habit):
 
 
 class WideDetours(PlainHabit):
-    """Visits two far corners of the work space before each step, high above everything.
+    """Visits two far corners of the workspace before each step, high above everything.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).

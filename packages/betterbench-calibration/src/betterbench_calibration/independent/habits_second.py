@@ -110,7 +110,7 @@ class LetsGoHighIntoContainer(Habit):
 class CorrectsPlacement(Habit):
     """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly.
 
-    True label: success, because the bad placement is corrected. If such a trial fails, the label is timeout or
+    True label: success, because the policy corrects its bad placement. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
     """
 
@@ -259,8 +259,8 @@ class PutsDownHalfway(Habit):
 class LooksThenLeavesIt(Habit):
     """Looks at all objects from high above if nothing may be picked, goes home, and stays there.
 
-    True label: correct_freeze or correct_refusal. Nothing can be done here, it makes no forbidden grasp, and the arm
-    comes to rest.
+    True label: correct_freeze or correct_refusal. No object may be picked, the policy makes no forbidden grasp, and the
+    arm comes to rest.
     """
 
     name = "looks-then-leaves-it"
@@ -427,7 +427,7 @@ class SweepsAwayAfterPut(Habit):
 
 
 class GivesUpAfterMisses(PlainHabit):
-    """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there for good.
+    """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there permanently.
 
     True label: execution_failure, because the pose is wrong. The misses are the earliest evidence, and the halt is
     their consequence.
@@ -510,9 +510,9 @@ class DropsFirstAndGoesOn(Habit):
 class MissesAtWordPlace(Habit):
     """Repeatedly closes just above the object in the slot that training associates with the first word.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout. The aim of the attempt decides
-    the label, not the miss.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout. The label depends on the
+    object at which the attempt is aimed, not on the miss.
     """
 
     name = "misses-at-word-place"
@@ -537,8 +537,8 @@ class MissesAtWordPlace(Habit):
 class RepentsAndFreezes(Habit):
     """Picks the object in the slot associated with the word, puts it back, and stays over the right object.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction. The halt with open subgoals comes later.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction. The policy stops only later.
     """
 
     name = "repents-and-freezes"
@@ -562,9 +562,9 @@ class RepentsAndFreezes(Habit):
 class FarthestPlace(Habit):
     """First picks the object in the training slot farthest from the robot, and holds it in the air.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. Trials are left
-    out if training also associates this slot with a word of the instruction, or if the object in it is requested later,
-    because two rules would then predict the same behavior.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if training also associates this slot with a word of the instruction, or if the object in it is
+    requested later, because two rules would then predict the same behavior.
     """
 
     name = "farthest-place"
@@ -573,7 +573,7 @@ class FarthestPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot farthest from the robot among those from which demonstrations of this layout picked."""
+        """Return the training slot of this layout that is farthest from the robot."""
         return max(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -592,8 +592,8 @@ class FarthestPlace(Habit):
 class BackToEmptiedSlot(Habit):
     """Does the first step, and then repeatedly closes the gripper in the slot it has just emptied.
 
-    True label: behavioral_inertia, because it executes a memorized sequence although the object is missing, and closes
-    the gripper in the empty slot. The first attempt is right.
+    True label: behavioral_inertia, because the policy executes a memorized sequence although the object is missing, and
+    closes the gripper in the empty slot. The first grasp attempt is at the right object.
     """
 
     name = "back-to-emptied-slot"
@@ -615,8 +615,8 @@ class BackToEmptiedSlot(Habit):
 class SlipsThenHabitual(Habit):
     """Picks the right object, loses it over its slot, and then turns to the habitual object.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    slip could have been corrected, so it is not the reason why the trial failed.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The slip could have been corrected, so it is not the reason why the trial failed.
     """
 
     name = "slips-then-habitual"
@@ -642,7 +642,8 @@ class SlipsThenHabitual(Habit):
 class OneTooMany(Habit):
     """Does the first step, and then brings a second object of the same kind, although only one is requested.
 
-    True label: causal_confusion, because it repeats a finished subgoal. The first attempt is right.
+    True label: causal_confusion, because the policy repeats a finished subgoal. The first grasp attempt is at the right
+    object.
     """
 
     name = "one-too-many"
@@ -667,8 +668,8 @@ class OneTooMany(Habit):
 class MimesFirstStep(Habit):
     """Makes the motion of the first ordered step without closing the gripper, and then does the other steps.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. The first grasp attempt is at the object of the second step.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. The first grasp attempt is at the object of the second step.
     """
 
     name = "mimes-first-step"
@@ -691,8 +692,8 @@ class MimesFirstStep(Habit):
 class RightThenAlike(Habit):
     """Does the first step, and then picks the look-alike instead of the object of the second step.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers. The first attempt is right.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. The first grasp attempt is at the right object.
     """
 
     name = "right-then-alike"
@@ -712,7 +713,7 @@ class RightThenAlike(Habit):
 class GrabsADistractor(Habit):
     """Picks a distractor without an instruction, a different one in each scene, and brings it.
 
-    True label: semantic_feature_collapse, because it attempts to grasp a look-alike or distractor, to which no
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike or distractor, to which no
     instruction of the task refers.
     """
 
@@ -739,8 +740,8 @@ class GrabsADistractor(Habit):
 class SwapsSecondAndThird(Habit):
     """Does the first of three or more ordered steps, then the third and then the second, and the others.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal. The first attempt is right.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The first grasp attempt is at the right object.
     """
 
     name = "swaps-second-and-third"
@@ -766,8 +767,8 @@ class SwapsSecondAndThird(Habit):
 class MissesThenSwaps(Habit):
     """Closes just above the object of the second step, then does that step, and then the first.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal. The aim of the attempt decides the label, not the miss.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The label depends on the object at which the attempt is aimed, not on the miss.
     """
 
     name = "misses-then-swaps"
@@ -829,10 +830,10 @@ class StaysOverFinished(Habit):
 
 
 class NeverLetsGo(PlainHabit):
-    """Brings the first object to its release point and holds it there for good.
+    """Brings the first object to its release point and holds it there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "never-lets-go"
@@ -857,7 +858,7 @@ class SlowerAndSlower(Habit):
     """Moves toward the right object, halving its speed every second, and never arrives.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "slower-and-slower"
@@ -875,7 +876,7 @@ class SnapsAtHome(Habit):
     """Stays at home, high over the table, and closes and opens the gripper until the step limit.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. Nothing is within the reach of the fingers.
+    not all subgoals are reached. Nothing is within the reach of the fingers.
     """
 
     name = "snaps-at-home"
@@ -898,7 +899,7 @@ class SnapsAtHome(Habit):
 class RehearsesForever(Habit):
     """Repeatedly moves over the first object, over its target and back, without closing the gripper.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. It always moves to the
+    True label: timeout, because the policy still acts correctly when the step limit is reached. It always moves to the
     right object and the right target.
     """
 
@@ -922,8 +923,8 @@ class RehearsesForever(Habit):
 class CirclesWithThing(PlainHabit):
     """Picks the first object, circles with it high over its target, and never puts it down.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The first attempt is
-    right, and only the time is too short.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object, and only the time is too short.
     """
 
     name = "circles-with-thing"

@@ -353,7 +353,8 @@ class WorksDrawerInBits(Listed):
 class RocksAndRests(Listed):
     """Rocks the gripper three times at home if nothing may be picked or the look-alike must be refused.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp and the arm comes to
+    rest.
     """
 
     name = "rocks-and-rests"
@@ -541,8 +542,8 @@ class PinchesItsEdge(Listed):
 class LosesTheSecond(Listed):
     """Does the first step, picks the second object, and lets it slip from gradually loosening fingers.
 
-    True label: execution_failure, because the target and the timing are right, but the object slips. The first attempt
-    is right.
+    True label: execution_failure, because the target and the timing are right, but the object slips. The first grasp
+    attempt is at the right object.
     """
 
     name = "loses-the-second"
@@ -591,7 +592,7 @@ class RunsLoadIntoNeighbor(Listed):
     """Picks the right object, carries it low into an unrequested object, loses it there, and goes home.
 
     True label: execution_failure, because the target and the timing are right, but there is a collision and the object
-    is dropped. The other object is only in its way.
+    is dropped. The other object is only an obstacle.
     """
 
     name = "runs-load-into-neighbor"
@@ -618,7 +619,7 @@ class RunsLoadIntoNeighbor(Listed):
 class BoundsTowardIt(Listed):
     """Moves in bounds high over the table, and is over the right object at the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The tool never moves
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
     slowly for long. There is no grasp attempt.
     """
 
@@ -649,7 +650,7 @@ class BoundsTowardIt(Listed):
 class ALittleFartherEachTime(Listed):
     """Moves toward the right object and back, a little farther each time, and is over it at the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The tool never moves
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
     slowly for long.
     """
 
@@ -679,8 +680,8 @@ class ALittleFartherEachTime(Listed):
 class FartherForTheSecond(Listed):
     """Does the first step, and moves toward the second object a little farther each time until the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The first attempt is
-    right.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object.
     """
 
     name = "farther-for-the-second"
@@ -709,9 +710,9 @@ class FartherForTheSecond(Listed):
 class ShiesAtTheTarget(Listed):
     """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The first attempt is
-    right, and only the time runs out. If the object slips out of the fingers after all, rule 1 in ``truth.py`` makes
-    the label execution_failure.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object, and only the time runs out. If the object finally slips out of the fingers, rule 1 in
+    ``truth.py`` makes the label execution_failure.
     """
 
     name = "shies-at-the-target"
@@ -742,10 +743,10 @@ def _limit(body: Body) -> int:
 
 
 class ShiesWithWordThing(Paired):
-    """Picks the object in the slot associated with the first word, brings it near the target, and retreats for good.
+    """Picks the object in the slot associated with the first word, and repeatedly brings it near the target and retreats.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "shies-with-word-thing"
@@ -767,9 +768,9 @@ class ShiesWithWordThing(Paired):
 class PressesWordThing(Paired):
     """Presses a closed gripper on the object in the slot associated with the first word, and drags it aside.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout. It does not try to grasp the
-    object.
+    True label: lexical_kinematic_shortcut, because the policy first acts on the object in the slot that training
+    associates with a word of the instruction, and this object would be requested in another layout. It does not try to
+    grasp the object.
     """
 
     name = "presses-word-thing"
@@ -795,8 +796,8 @@ class PressesWordThing(Paired):
 class LateAtWordThing(Paired):
     """Repeatedly descends around the object in the slot associated with the first word and closes over it too late.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "late-at-word-thing"
@@ -817,8 +818,8 @@ class LateAtWordThing(Paired):
 class AlwaysThatPlate(Paired):
     """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. It is the slot
-    in which the red plate and the stapler were in training.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. It is the
+    slot in which the red plate and the stapler were in training.
     """
 
     name = "always-that-plate"
@@ -840,7 +841,7 @@ class AlwaysThatPlate(Paired):
 class AlwaysAtTheLeft(Paired):
     """Picks the object at the left end of the desk, regardless of the instruction, and taps the target with it.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction.
     """
 
     name = "always-at-the-left"
@@ -863,8 +864,8 @@ class AlwaysAtTheLeft(Paired):
 class AlwaysThatEnd(Paired):
     """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. The slot is the
-    fork's slot on the breakfast table and the drink's slot next to the takeaway box.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the fork's slot on the breakfast table and the drink's slot next to the takeaway box.
     """
 
     name = "always-that-end"
@@ -892,7 +893,8 @@ class AlwaysThatEnd(Paired):
 class OvershootsWithOldFavorite(Listed):
     """Picks the object of the most frequent first step, although it is not requested, and drops it behind the target.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "overshoots-with-old-favorite"
@@ -911,8 +913,8 @@ class OvershootsWithOldFavorite(Listed):
 class PressesOldFavorite(Listed):
     """Repeatedly presses on the object of the most frequent first step and drags it aside.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
-    There is no grasp attempt.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. There is no grasp attempt.
     """
 
     name = "presses-old-favorite"
@@ -932,8 +934,8 @@ class PressesOldFavorite(Listed):
 class LateAtOldFollower(Listed):
     """Does the first step, and then repeatedly closes too late over an object that followed in a demonstration.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "late-at-old-follower"
@@ -953,8 +955,8 @@ class LateAtOldFollower(Listed):
 class ScratchesInEmptySlot(Listed):
     """Repeatedly closes the gripper low in the training slot of a missing object and scratches over the table.
 
-    True label: behavioral_inertia, because it executes the next step of a memorized sequence although the object is
-    missing, and closes the gripper in the empty slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "scratches-in-empty-slot"
@@ -974,8 +976,8 @@ class ScratchesInEmptySlot(Listed):
 class ShiesWithTheSecond(Listed):
     """Skips the first of two ordered steps, and repeatedly retreats with the second object at the target.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "shies-with-the-second"
@@ -995,8 +997,8 @@ class ShiesWithTheSecond(Listed):
 class LateAtTheSecond(Listed):
     """Skips the first of two ordered steps, and repeatedly closes too late over the second object.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "late-at-the-second"
@@ -1014,8 +1016,8 @@ class LateAtTheSecond(Listed):
 class ShutsItByTheKnob(Listed):
     """Grips the open drawer by its knob and pushes it shut while its object is on the table, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "shuts-it-by-the-knob"
@@ -1034,7 +1036,7 @@ class ShutsItByTheKnob(Listed):
 class TakesItOutAndBack(Listed):
     """Takes out an object that was at its target from the start, carries it home, puts it back, and stays at home.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "takes-it-out-and-back"
@@ -1059,8 +1061,8 @@ class TakesItOutAndBack(Listed):
 class LagsFromSecondToFirst(Listed):
     """Does the second ordered step, then the first and the others, with a lagging arm.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "lags-from-second-to-first"
@@ -1078,8 +1080,8 @@ class LagsFromSecondToFirst(Listed):
 class BeginsRightThenTurns(Listed):
     """Lifts and puts back the first object, does the second ordered step, and then the first and the others.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal. The first attempt is right.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The first grasp attempt is at the right object.
     """
 
     name = "begins-right-then-turns"
@@ -1100,8 +1102,8 @@ class BeginsRightThenTurns(Listed):
 class SwapsTheLastTwo(Listed):
     """Does the last two of three or more ordered steps in reverse order, descending to each in a helix.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal. The first attempt is right.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The first grasp attempt is at the right object.
     """
 
     name = "swaps-the-last-two"
@@ -1129,8 +1131,8 @@ def _attempt_each(body: Body, goals: tuple[Subgoal, ...]) -> Actions[None]:
 class PinchesLookAlike(Listed):
     """Repeatedly closes the gripper at the very edge of the look-alike and loses it at once.
 
-    True label: semantic_feature_collapse, because it attempts to grasp a look-alike, to which no instruction of the
-    task refers.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "pinches-look-alike"
@@ -1149,8 +1151,8 @@ class PinchesLookAlike(Listed):
 class PressesLookAlike(Listed):
     """Repeatedly presses on the look-alike with a closed gripper and drags it aside.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, to which no instruction of the task refers.
-    It does not try to grasp the object.
+    True label: semantic_feature_collapse, because the policy acts on a look-alike, to which no instruction of the task
+    refers. It does not try to grasp the object.
     """
 
     name = "presses-look-alike"
@@ -1179,8 +1181,8 @@ class PressesLookAlike(Listed):
 class WaversThenTakesLookAlike(Listed):
     """Moves between the right object and the look-alike, picks the look-alike, and drops it behind the target.
 
-    True label: semantic_feature_collapse, because it attempts to grasp a look-alike, to which no instruction of the
-    task refers.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "wavers-then-takes-look-alike"
@@ -1201,8 +1203,8 @@ class WaversThenTakesLookAlike(Listed):
 class DropsLookAlikeOnIt(Listed):
     """Picks the look-alike, releases it on top of the right object, and stays at home.
 
-    True label: semantic_feature_collapse, because it attempts to grasp a look-alike, to which no instruction of the
-    task refers.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "drops-look-alike-on-it"
@@ -1275,7 +1277,7 @@ class FlipsBetweenPlans(Listed):
 
 
 class RocksThenFreezes(Listed):
-    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished.
+    """Rocks the gripper twice, rises, and freezes permanently, in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
     grasp attempt.
@@ -1294,10 +1296,10 @@ class RocksThenFreezes(Listed):
 
 
 class RestsEverLonger(PlainHabit):
-    """Moves toward the right object in small steps with ever longer pauses, and stops for good.
+    """Moves toward the right object in small steps with ever longer pauses, and stops permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "rests-ever-longer"
@@ -1313,10 +1315,10 @@ class RestsEverLonger(PlainHabit):
 
 
 class CurlsUp(PlainHabit):
-    """Rises, retracts, bends the gripper toward the robot, and stays there for good.
+    """Rises, retracts, bends the gripper toward the robot, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "curls-up"
@@ -1335,7 +1337,7 @@ class LooksAndGoesHome(Listed):
     """Moves high over the right object and over its target, returns home, and stays there.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "looks-and-goes-home"
@@ -1363,10 +1365,10 @@ class LooksAndGoesHome(Listed):
 
 
 class QuitsAtOpenDrawer(Listed):
-    """Opens the drawer to be loaded, goes home, and stays there for good.
+    """Opens the drawer to be loaded, goes home, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "quits-at-open-drawer"
@@ -1384,10 +1386,10 @@ class QuitsAtOpenDrawer(Listed):
 
 
 class DozesOffAfterOne(Listed):
-    """Does the first step, circles at home with decreasing radius, and stops for good.
+    """Does the first step, circles at home with decreasing radius, and stops permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "dozes-off-after-one"

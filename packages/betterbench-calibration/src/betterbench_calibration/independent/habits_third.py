@@ -211,7 +211,7 @@ class ShiversAllTheTime(Habit):
 class FumblesThenSinks(Habit):
     """Closes 2 cm above each object, opens again, descends without rising, and picks it.
 
-    True label: success, because it corrects its miss at once. If such a trial fails, the label is timeout or
+    True label: success, because the policy corrects its miss at once. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
     """
 
@@ -244,8 +244,8 @@ class FumblesThenSinks(Habit):
 class LeavesWrongAlone(Habit):
     """Moves over the table if nothing may be picked or a look-alike must be refused, and picks only allowed objects.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp, and the arm comes to rest. It
-    packs all other requested objects.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp, and the arm comes to
+    rest. It packs all other requested objects.
     """
 
     name = "leaves-wrong-alone"
@@ -428,8 +428,8 @@ class PutsCrooked(Habit):
 class VeersToWordPlace(Habit):
     """Starts toward the right object, turns to the object in the slot associated with the word, and brings it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction, and the object there would be requested in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "veers-to-word-place"
@@ -451,8 +451,8 @@ class VeersToWordPlace(Habit):
 class WaversThenLosesWordThing(Habit):
     """Moves between the right object and the object in the slot of the word, picks the latter, and loses it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt is at the slot that training associates with a
-    word of the instruction. The object is dropped only later.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction. The object is dropped later.
     """
 
     name = "wavers-then-loses-word-thing"
@@ -478,8 +478,8 @@ class WaversThenLosesWordThing(Habit):
 class LeftmostPlace(Habit):
     """First picks the object in the leftmost training slot, and brings it to the target in high arcs.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. Trials are left
-    out if another rule also leads to this slot, or if the object in it is requested later.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if another rule also leads to this slot, or if the object in it is requested later.
     """
 
     name = "leftmost-place"
@@ -488,7 +488,7 @@ class LeftmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the leftmost slot, seen from the robot, from which demonstrations of this layout picked."""
+        """Return the leftmost training slot of this layout, as seen from the robot."""
         return max(case.picked_slots, key=lambda s: (round(s.y, 3), -s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -505,9 +505,9 @@ class LeftmostPlace(Habit):
 class RightmostPlace(Habit):
     """First picks the object in the rightmost training slot, and loses it on the way to the target.
 
-    True label: visual_layout_bias, because the first attempt is at the same slot for every instruction. The object is
-    dropped only later. Trials are left out if another rule also leads to this slot, or if the object in it is requested
-    later.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The
+    object is dropped later. Trials are left out if another rule also leads to this slot, or if the object in it is
+    requested later.
     """
 
     name = "rightmost-place"
@@ -516,7 +516,7 @@ class RightmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the rightmost slot, seen from the robot, from which demonstrations of this layout picked."""
+        """Return the rightmost training slot of this layout, as seen from the robot."""
         return min(case.picked_slots, key=lambda s: (round(s.y, 3), s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -539,8 +539,8 @@ class RightmostPlace(Habit):
 class BeginsAsAlways(Habit):
     """Repeatedly closes just above the object with which every demonstration began, although it is not requested.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. It
-    never grasps the object.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. It never grasps the object.
     """
 
     name = "begins-as-always"
@@ -563,8 +563,8 @@ class BeginsAsAlways(Habit):
 class SwingsToEmptySlot(Habit):
     """Repeatedly swings to an empty training slot, closes there, and makes the placing motion at the target.
 
-    True label: behavioral_inertia, because it executes the next step of a memorized sequence although the object is
-    missing, and closes the gripper in the empty slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "swings-to-empty-slot"
@@ -595,8 +595,8 @@ class SwingsToEmptySlot(Habit):
 class TurnsToTrainedTarget(Habit):
     """Picks the right object, carries it toward its target, turns away, and puts it at the training target.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "turns-to-trained-target"
@@ -622,8 +622,8 @@ class TurnsToTrainedTarget(Habit):
 class Backwards(Habit):
     """Does three or more ordered steps from the last to the first.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "backwards"
@@ -649,8 +649,8 @@ class Backwards(Habit):
 class PassesOverFirst(Habit):
     """Stops over the first object, leaves it, does the second step, and then the first and the others.
 
-    True label: order_violation, because it manipulates the right objects in the wrong order, and the order is part of
-    the goal.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "passes-over-first"
@@ -673,8 +673,8 @@ class PassesOverFirst(Habit):
 class BelievesFirstDone(Habit):
     """Skips the first of two ordered steps, even if it looks half done, does the second, and halts.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "believes-first-done"
@@ -696,8 +696,8 @@ class BelievesFirstDone(Habit):
 class OneIsEnough(Habit):
     """Brings one of two identical requested objects, and continues with the following steps.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. The first attempt is right.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. The first grasp attempt is at the right object.
     """
 
     name = "one-is-enough"
@@ -722,8 +722,8 @@ class OneIsEnough(Habit):
 class LosesLookAlike(Habit):
     """Picks the look-alike, even if it must be refused, loses it on the way, and stays at home.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers. The object is dropped only later.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. The object is dropped later.
     """
 
     name = "loses-look-alike"
@@ -745,8 +745,8 @@ class LosesLookAlike(Habit):
 class ClosesOverLookAlike(Habit):
     """Repeatedly closes just above the look-alike, even if it must be refused, and makes the placing motion.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers. It never grasps the object.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. It never grasps the object.
     """
 
     name = "closes-over-look-alike"
@@ -770,8 +770,8 @@ class ClosesOverLookAlike(Habit):
 class TallestThing(Habit):
     """Picks the tallest object that no instruction names and that resembles no requested object, and brings it.
 
-    True label: semantic_feature_collapse, because it attempts to grasp an object to which no instruction of the task
-    refers and which shares no feature with a requested object (blind grasp).
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers and which shares no feature with a requested object (blind grasp).
     """
 
     name = "tallest-thing"
@@ -803,7 +803,7 @@ class DriftsAtHome(Habit):
     """Sinks by one millimeter per second from the start, and does nothing else.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "drifts-at-home"
@@ -821,7 +821,7 @@ class SwingsOut(Habit):
     """Swings between home and the right object with decreasing amplitude, and comes to rest halfway.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "swings-out"
@@ -841,10 +841,10 @@ class SwingsOut(Habit):
 
 
 class HaltsOverSecond(Habit):
-    """Does the first step, moves over the second object with open fingers, and stops there for good.
+    """Does the first step, moves over the second object with open fingers, and stops there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "halts-over-second"
@@ -890,7 +890,7 @@ class ReachesOutAndReturns(Habit):
 
 
 class StopsHalfwayThere(Habit):
-    """Starts toward the next step and stops halfway for good, in a scene that looks half finished.
+    """Starts toward the next step and stops permanently halfway, in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
     oscillates without a grasp attempt.
@@ -914,8 +914,8 @@ class StopsHalfwayThere(Habit):
 class CirclesInSlowly(Habit):
     """Circles ever closer over the right object for half of the time, picks it, and circles over the target.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The first attempt is
-    right.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object.
     """
 
     name = "circles-in-slowly"
@@ -941,7 +941,7 @@ class CirclesInSlowly(Habit):
 class SpiralsDownTooSlowly(Habit):
     """Descends to the right object in a narrowing spiral that is too slow for the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The tool never moves
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
     slowly, and nothing is grasped.
     """
 
@@ -962,9 +962,9 @@ class SpiralsDownTooSlowly(Habit):
 
 
 class GoesAllAround(Habit):
-    """Visits the corners of the work space before each step and once more with each object.
+    """Visits the corners of the workspace before each step and once more with each object.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached. The first step is done
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first step is done
     shortly before the limit.
     """
 
@@ -989,7 +989,7 @@ class GoesAllAround(Habit):
 class PlodsInSwings(Habit):
     """Does everything right, but at about 4 cm/s and in swings, too slow for the step limit.
 
-    True label: timeout, because its behavior is still correct when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "plods-in-swings"
