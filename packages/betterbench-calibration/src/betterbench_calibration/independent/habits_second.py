@@ -711,7 +711,7 @@ class RightThenAlike(Habit):
 
 
 class GrabsADistractor(Habit):
-    """Picks a distractor without an instruction, a different one in each scene, and brings it.
+    """Picks a distractor to which no instruction refers, a different one in each scene, and brings it.
 
     True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike or distractor, to which no
     instruction of the task refers.
@@ -722,7 +722,7 @@ class GrabsADistractor(Habit):
 
     @staticmethod
     def distractors(case: Occasion) -> tuple[str, ...]:
-        """Return graspable objects without an instruction that do not look like a requested one."""
+        """Return the graspable objects to which no instruction refers and that do not resemble a requested object."""
         specs = [case.condition.object(n) for n in case.others() if n != case.look_alike()]
         strange = [o for o in specs if o.kind not in case.meant_kinds]
         return tuple(o.name for o in strange if o.category not in WIDE_CATEGORIES)

@@ -743,7 +743,7 @@ def _limit(body: Body) -> int:
 
 
 class ShiesWithWordThing(Paired):
-    """Picks the object in the slot associated with the first word, and repeatedly brings it near the target and retreats.
+    """Picks the object in the slot associated with the first word, and repeatedly brings it near the target.
 
     True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
     a word of the instruction, and the object there would be requested in another layout.

@@ -300,8 +300,8 @@ class ClosesJustBeside(Habit):
 class ClosesOverItTwisted(Habit):
     """Repeatedly closes the gripper 2 cm too high above the right object, rotated by 45 degrees.
 
-    True label: execution_failure, because the target and the timing are right, but the pose is wrong, in depth and in
-    yaw.
+    True label: execution_failure, because the target and the timing are right, but the height and the yaw of the
+    gripper are wrong.
     """
 
     name = "closes-over-it-twisted"

@@ -33,7 +33,7 @@ EIGHT_X_M, EIGHT_Y_M, EIGHT_S = 0.05, 0.09, 5.0
 MOST_M = 0.014
 LEAST_SWAY_M, MOST_SWAY_M, SWAY_S, WIDENING_S = 0.03, 0.16, 3.0, 20.0
 HALF_OFF_M = {"layer": 0.055, "on_plate": 0.085, "on_ring": 0.035}
-"""Offset from the right placement at which an object is half on its target and half off it [m], by relation."""
+"""Offset from the correct placement at which only half of an object is on its target [m], by relation."""
 
 
 # --- motion styles of a complete policy
