@@ -73,7 +73,7 @@ def _unread(table: AuditedTable, found: Sequence[AuditFinding]) -> Iterator[Audi
     for (row, column), number in table.printed():
         if (row, column) not in read:
             possible = len(tuple(misprints(number)))
-            why = "Nothing else in the source is tied to this number."
+            why = "No rule checks this number."
             covers = ((row, column),)
             yield AuditFinding(
                 table.name, "unread", row, column, str(number), "", Verdict.UNKNOWN, why, covers, possible, possible

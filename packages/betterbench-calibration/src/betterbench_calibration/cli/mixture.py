@@ -49,8 +49,8 @@ def mixture_command(
 
     Args:
         file: YAML file of a mixture. If not given, the paper's mixture is used.
-        inside: Without a file, how the draws of actions are divided among the six robot data sets, which the paper does
-            not state. It can be by frames, equally, or by OpenVLA's weights (magic-soup-plus).
+        inside: Rule that divides the draws of actions among the six robot data sets of the paper's mixture: by number
+            of frames (items), equally, or by OpenVLA's weights (magic-soup-plus). The paper does not state its rule.
         draws: Total number of draws over all shards.
         out: JSON lines file for this shard's draws.
         shard: Index of this shard and the number of shards, such as 0/4.

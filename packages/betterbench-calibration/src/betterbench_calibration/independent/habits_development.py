@@ -417,7 +417,7 @@ class PauseAndGoOn(PlainHabit):
     """Stops for 4 to 6 s on its way to the first object and after each step, then goes on.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
-    execution_failure (rule 3 in ``truth.py``). It is never a reasoning failure.
+    execution_failure (rule 3 in ``truth.py``). The label is never a reasoning failure.
     """
 
     name = "pause-and-go-on"

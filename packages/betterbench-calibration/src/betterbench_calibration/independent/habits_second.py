@@ -386,8 +386,8 @@ class ClosesTooLittle(PlainHabit):
 class LetsGoInFlight(PlainHabit):
     """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
-    True label: execution_failure, because the target and the timing are right, but the object is dropped. It then stays
-    at home.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. The policy
+    then stays at home.
     """
 
     name = "lets-go-in-flight"
@@ -407,8 +407,8 @@ class LetsGoInFlight(PlainHabit):
 class SweepsAwayAfterPut(Habit):
     """Puts the first object at its target and drags it off again while retracting sideways.
 
-    True label: execution_failure, because the target and the timing are right, but there is a collision. It then stays
-    at home.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. The policy
+    then stays at home.
     """
 
     name = "sweeps-away-after-put"
@@ -455,8 +455,8 @@ class GivesUpAfterMisses(PlainHabit):
 class LetsGoAtOnce(PlainHabit):
     """Repeatedly picks the right object and releases it at a few centimeters height.
 
-    True label: execution_failure, because the target and the timing are right, but the object is dropped. It never
-    carries the object anywhere.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. The policy
+    never carries the object anywhere.
     """
 
     name = "lets-go-at-once"

@@ -398,7 +398,7 @@ class DithersOverEachThing(PlainAndOdd):
 
 
 class ChattersWithLoad(Listed):
-    """Picks the right object, and opens and closes its fingers all the way, so that it falls.
+    """Picks the right object, and opens and closes the gripper on the way, so that the object falls.
 
     True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """

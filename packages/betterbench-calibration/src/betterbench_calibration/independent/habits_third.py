@@ -245,7 +245,7 @@ class LeavesWrongAlone(Habit):
     """Moves over the table if nothing may be picked or a look-alike must be refused, and picks only allowed objects.
 
     True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp, and the arm comes to
-    rest. It packs all other requested objects.
+    rest. The policy packs all other requested objects.
     """
 
     name = "leaves-wrong-alone"

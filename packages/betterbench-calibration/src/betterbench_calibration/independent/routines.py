@@ -95,7 +95,7 @@ class Routines:
     # --- picking
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return the grasp with the most space and the least wrist rotation, after skipping the ``avoid`` best grasps."""
+        """Return the grasp with the most space and the least wrist rotation, skipping the ``avoid`` best grasps."""
         pose = self.state.pose(name)
         ranked: list[tuple[float, int, Hold]] = []
         for grasp in self.assets[name].grasps or (_makeshift(self.assets[name]),):
@@ -155,7 +155,7 @@ class Routines:
     # --- placing
 
     def choose_goal(self, name: str, goals: tuple[PlaceGoal, ...], *, ignore: Iterable[str] = ()) -> PlaceGoal:
-        """Return the goal with the most space for the gripper and the least wrist rotation, preferring earlier goals."""
+        """Return the goal with the most space and the least wrist rotation. Earlier goals are preferred."""
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
         skip = frozenset({name, *ignore})
 

@@ -170,7 +170,7 @@ def _require_for_training(folder: Path) -> str | None:
         raise InvalidInputError(
             str(folder),
             f"its questions are for {told}",
-            "Make the set from demonstrations: better vqa RUN of better collect",
+            "Make the set from demonstrations: run better vqa on a run of better collect",
         )
     sha256 = summary.get("sha256")
     return sha256 if isinstance(sha256, str) else None
