@@ -100,7 +100,7 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 def place_task(task: Task, spec: RobotSpec) -> Placed:
     """Adapt a task to another robot. The base is moved to the position from which the fewest slots are out of reach.
 
-    If several positions are equally good, the slots should be as close as possible to the middle of the robot's reach.
+    If several positions are equally good, the slots are on average as close as possible to the middle of the reach.
     Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:
@@ -128,7 +128,8 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:
     """Check whether a robot can do a task by planning grasps from the initial state and running the expert.
 
-    This is done for each training condition with each of the first seeds. ``on_trial`` is called after each trial.
+    This is done for each training condition with each seed from 0 to ``seeds - 1``. ``on_trial`` is called after each
+    trial.
     """
     solved, total = 0, 0
     tried, planned, problems = Counter[str](), Counter[str](), Counter[str]()

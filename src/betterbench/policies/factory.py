@@ -130,7 +130,9 @@ class PolicyFactory:
     def check(
         self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
     ) -> PolicyInfo:
-        """Return :attr:`info` after the checks of :func:`check_policy`. For a replay policy, the action space is empty.
+        """Check that the policy fits a run, as :func:`check_policy` does, and return :attr:`info`.
+
+        For a replay policy, the action space in the result is empty.
 
         ``rate_hz`` is the control rate of the run [Hz].
         """

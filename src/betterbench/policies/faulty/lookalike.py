@@ -11,7 +11,11 @@ from betterbench.tasks import Label
 
 
 class _LookAlike(BrokenRule):
-    """Rule that looks for an object with one feature of the requested object, first in slots known from training."""
+    """Rule that accepts an object with the same feature (color or shape) as the requested object.
+
+    The object is taken from a slot that training associates with the word. If no such slot contains an object with this
+    feature, the rule decides like the expert.
+    """
 
     feature: ClassVar[str]
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT

@@ -41,7 +41,7 @@ from betterbench.tasks import (
 from betterbench.tasks.authoring.training_distribution import on_table
 
 STANDS_WITHIN_M = 0.06
-"""Largest distance from a slot at which an object still counts as in the slot [m].
+"""Largest distance from a slot at which an object counts as being in the slot [m].
 
 It allows for the random placement and a small push.
 """

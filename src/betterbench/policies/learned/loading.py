@@ -1,4 +1,4 @@
-"""Loading of the checkpoint that a policy address names (``learned:CHECKPOINT?execute=4``) and of the policy."""
+"""Loading of learned policies from the checkpoint in a policy address (``learned:CHECKPOINT?execute=4``)."""
 
 from __future__ import annotations
 

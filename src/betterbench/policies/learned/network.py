@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Lengths by which the positions of objects relative to the tool are divided before they enter the network [m]."""
+"""Lengths by which positions relative to the tool are divided before they are passed to the network [m]."""
 WAVES_M = (0.4, 0.1)
 """Wavelengths of sine and cosine features of the positions of objects relative to the tool [m].
 
@@ -184,7 +184,7 @@ class LearnerNetwork(nn.Module):
         raise NotImplementedError(f"{type(self).__name__} must implement summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - depends on the family
-        """Return an encoding of instructions, (B, w) int64, that can be cached during an episode.
+        """Return an encoding of the instructions ``words``, (B, w) int64, which can be cached during an episode.
 
         The encoding is passed to every call of :meth:`answer` in the episode. If the result is None, nothing is cached.
         """
@@ -368,7 +368,7 @@ class TokenNetwork(LearnerNetwork):
         return found
 
     def hear(self, words: Tensor) -> Heard:
-        """Return an encoding of instructions, (B, w) int64, that every call of :meth:`answer` can use."""
+        """Return an encoding of the instructions ``words``, (B, w) int64, for all calls of :meth:`answer`."""
         tokens, told, which = self._instructions(words)
         memories, seen = [], told[:, None, None, :]
         heard = tokens
