@@ -42,8 +42,8 @@ def mixture_command(
 
     Without a file, it prints the paper's data sets with recomputed totals, and the budgets of the paper's two runs on
     16 and 24 GPUs. Your own file can list LeRobot data sets and question sets. For such a file, it prints the shares
-    and, with --draws, the number of draws from each set. With --out, each draw is written as a line. If this is
-    interrupted, run the same command again to continue.
+    and, with --draws, the number of draws from each set. With --out, each draw is written as a line. If the command is
+    interrupted, run it again to continue.
 
     Example: better mixture mixture.yaml --draws 100000
 

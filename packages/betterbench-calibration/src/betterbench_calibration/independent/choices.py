@@ -147,7 +147,7 @@ def moved_target(case: Occasion, goal: Subgoal) -> bool:
 
 
 def unasked_step(case: Occasion) -> tuple[str, Subgoal] | None:
-    """Return an object that another demonstration picks after the first step, and the step in which it is used.
+    """Return an object that another demonstration picks after the first step, and the subgoal for placing it.
 
     Return None if there is no such object.
     """

@@ -42,7 +42,7 @@ MANNERS = {
         Manner("hesitant", "halting", 0.20, 0.08, 0.06, -0.03, 0.35, 0.7, 0.0012),
     )
 }
-"""Motion styles of all habits of the first parts."""
+"""Motion styles of the habits in all parts up to the third."""
 
 FOURTH_MANNERS = {
     m.name: m
@@ -52,7 +52,7 @@ FOURTH_MANNERS = {
         Manner("fitful", "halting", 0.27, 0.09, 0.045, 0.03, 0.2, 0.4, 0.0009),
     )
 }
-"""Motion styles of all habits of the fourth part."""
+"""Motion styles of the habits in the fourth part."""
 
 FIFTH_MANNERS = {
     m.name: m
@@ -62,7 +62,7 @@ FIFTH_MANNERS = {
         Manner("unsteady", "even", 0.25, 0.10, 0.055, 0.035, 0.15, 0.5, 0.0013),
     )
 }
-"""Motion styles of all habits of the fifth part."""
+"""Motion styles of the habits in the fifth part."""
 
 SIXTH_MANNERS = {
     m.name: m
@@ -72,4 +72,4 @@ SIXTH_MANNERS = {
         Manner("ragged", "halting", 0.29, 0.08, 0.05, 0.02, 0.25, 0.25, 0.0011),
     )
 }
-"""Motion styles of all habits of the sixth part."""
+"""Motion styles of the habits in the sixth part."""
