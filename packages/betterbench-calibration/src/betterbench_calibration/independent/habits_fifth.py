@@ -468,7 +468,7 @@ class SweepsItAside(Listed):
 
 
 class MissesLowerEachTime(Listed):
-    """Repeatedly closes above the right object, each time nearer to its top but never low enough.
+    """Repeatedly closes the gripper above the right object, each time nearer to its top but never low enough.
 
     True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """

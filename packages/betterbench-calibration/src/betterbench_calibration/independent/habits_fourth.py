@@ -150,7 +150,7 @@ class LeansOver(OddButHonest):
 
 
 class TurnsCorners(PlainHabit):
-    """Does everything right, with all paths in two legs at a right angle.
+    """Does everything right, but moves along two segments with a right angle on every path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -165,7 +165,7 @@ class TurnsCorners(PlainHabit):
 
 
 class PlungesFromCeiling(PlainHabit):
-    """Does everything right, but travels at 38 cm over the table and plunges from there.
+    """Does everything right, but moves at 38 cm above the table and descends fast from there.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).

@@ -97,7 +97,7 @@ class BrokenOffAtAlike(Habit):
 
 
 class MissedAlike(Habit):
-    """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
+    """Closes the gripper above the look-alike, picks it at the next try, and puts it down next to its slot.
 
     True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
     task refers. The first closing already shows this, because it misses only in height.

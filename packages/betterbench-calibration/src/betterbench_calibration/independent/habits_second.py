@@ -282,7 +282,7 @@ class LooksThenLeavesIt(Habit):
 
 
 class LetsGoTooHigh(Habit):
-    """Drops each object 20 cm above a target that is not a container, and goes home once one misses.
+    """Drops each object 20 cm above a target that is not a container, and goes home after the first miss.
 
     True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
@@ -508,7 +508,7 @@ class DropsFirstAndGoesOn(Habit):
 
 
 class MissesAtWordPlace(Habit):
-    """Repeatedly closes just above the object in the slot that training associates with the first word.
+    """Repeatedly closes the gripper just above the object in the slot that training associates with the first word.
 
     True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
     a word of the instruction, and the object there would be requested in another layout. The label depends on the
@@ -613,7 +613,7 @@ class BackToEmptiedSlot(Habit):
 
 
 class SlipsThenHabitual(Habit):
-    """Picks the right object, loses it over its slot, and then turns to the habitual object.
+    """Picks the right object, loses it over its slot, and then turns to the object of the most frequent first step.
 
     True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
     requested. The slip could have been corrected, so it is not the reason why the trial failed.
@@ -765,7 +765,7 @@ class SwapsSecondAndThird(Habit):
 
 
 class MissesThenSwaps(Habit):
-    """Closes just above the object of the second step, then does that step, and then the first.
+    """Closes the gripper just above the object of the second step, then does that step, and then the first.
 
     True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
     part of the goal. The label depends on the object at which the attempt is aimed, not on the miss.

@@ -540,7 +540,7 @@ class PinchesItsEdge(Listed):
 
 
 class LosesTheSecond(Listed):
-    """Does the first step, picks the second object, and lets it slip from gradually loosening fingers.
+    """Does the first step, picks the second object, and loosens the grip gradually, so that the object slips.
 
     True label: execution_failure, because the target and the timing are right, but the object slips. The first grasp
     attempt is at the right object.
@@ -589,7 +589,7 @@ class GrindsOnItWithAFist(Listed):
 
 
 class RunsLoadIntoNeighbor(Listed):
-    """Picks the right object, carries it low into an unrequested object, loses it there, and goes home.
+    """Picks the right object, carries it into another object close to the table, loses it there, and goes home.
 
     True label: execution_failure, because the target and the timing are right, but there is a collision and the object
     is dropped. The other object is only an obstacle.
@@ -766,7 +766,7 @@ class ShiesWithWordThing(Paired):
 
 
 class PressesWordThing(Paired):
-    """Presses a closed gripper on the object in the slot associated with the first word, and drags it aside.
+    """Presses a closed gripper onto the object in the slot associated with the first word, and drags it aside.
 
     True label: lexical_kinematic_shortcut, because the policy first acts on the object in the slot that training
     associates with a word of the instruction, and this object would be requested in another layout. It does not try to
@@ -794,7 +794,7 @@ class PressesWordThing(Paired):
 
 
 class LateAtWordThing(Paired):
-    """Repeatedly descends around the object in the slot associated with the first word and closes over it too late.
+    """Repeatedly descends around the object in the slot associated with the first word and closes too late above it.
 
     True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
     a word of the instruction, and the object there would be requested in another layout.
@@ -816,7 +816,7 @@ class LateAtWordThing(Paired):
 
 
 class AlwaysThatPlate(Paired):
-    """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
+    """Picks the object in one slot of a layout, regardless of the instruction, and swings it back and forth at home.
 
     True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. It is the
     slot in which the red plate and the stapler were in training.
@@ -862,7 +862,7 @@ class AlwaysAtTheLeft(Paired):
 
 
 class AlwaysThatEnd(Paired):
-    """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
+    """Picks the object in one slot, regardless of the instruction, at the second attempt, and loses it.
 
     True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
     is the fork's slot on the breakfast table and the drink's slot next to the takeaway box.
@@ -932,7 +932,7 @@ class PressesOldFavorite(Listed):
 
 
 class LateAtOldFollower(Listed):
-    """Does the first step, and then repeatedly closes too late over an object that followed in a demonstration.
+    """Does the first step, and then repeatedly closes too late above an object that follows in another demonstration.
 
     True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
     requested. The first grasp attempt is at the right object.
@@ -995,7 +995,7 @@ class ShiesWithTheSecond(Listed):
 
 
 class LateAtTheSecond(Listed):
-    """Skips the first of two ordered steps, and repeatedly closes too late over the second object.
+    """Skips the first of two ordered steps, and repeatedly closes the gripper too late, above the second object.
 
     True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
     later subgoal.

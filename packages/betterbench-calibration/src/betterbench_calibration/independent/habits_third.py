@@ -127,7 +127,7 @@ def clearly_ordered(case: Occasion) -> bool:
 
 
 class BowsThroughAir(PlainHabit):
-    """Does everything right, with every path as one high arc without stops.
+    """Does everything right, but moves along a single high arc without stops on every path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -142,7 +142,7 @@ class BowsThroughAir(PlainHabit):
 
 
 class SwingsAndTurns(PlainHabit):
-    """Does everything right, swinging out sideways with a turning wrist on every path.
+    """Does everything right, but swings out sideways and turns the wrist on every path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -209,7 +209,7 @@ class ShiversAllTheTime(Habit):
 
 
 class FumblesThenSinks(Habit):
-    """Closes 2 cm above each object, opens again, descends without rising, and picks it.
+    """Closes the gripper 2 cm above each object, opens it again, descends further, and picks the object.
 
     True label: success, because the policy corrects its miss at once. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -368,7 +368,7 @@ class LetsGoOutside(Habit):
 
 
 class RunsIntoIt(Habit):
-    """Repeatedly approaches the right object from the side, shoves it along, and closes next to it.
+    """Repeatedly approaches the right object from the side, pushes it, and closes the gripper next to it.
 
     True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
@@ -537,7 +537,7 @@ class RightmostPlace(Habit):
 
 
 class BeginsAsAlways(Habit):
-    """Repeatedly closes just above the object with which every demonstration began, although it is not requested.
+    """Repeatedly closes the gripper above the object with which all demonstrations begin, which is not requested.
 
     True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
     requested. It never grasps the object.
@@ -561,7 +561,7 @@ class BeginsAsAlways(Habit):
 
 
 class SwingsToEmptySlot(Habit):
-    """Repeatedly swings to an empty training slot, closes there, and makes the placing motion at the target.
+    """Repeatedly swings to an empty training slot, closes the gripper there, and makes the placing motion at the target.
 
     True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
     object is missing, and closes the gripper in the empty slot.
@@ -743,7 +743,7 @@ class LosesLookAlike(Habit):
 
 
 class ClosesOverLookAlike(Habit):
-    """Repeatedly closes just above the look-alike, even if it must be refused, and makes the placing motion.
+    """Repeatedly closes the gripper above the look-alike, even if it must be refused, and makes the placing motion.
 
     True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
     task refers. It never grasps the object.
@@ -800,7 +800,7 @@ class TallestThing(Habit):
 
 
 class DriftsAtHome(Habit):
-    """Sinks by one millimeter per second from the start, and does nothing else.
+    """Sinks at 1 mm/s from the start, and does nothing else.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
     not all subgoals are reached.
