@@ -115,7 +115,7 @@ class PolicyFactory:
             self._made = self._make()
             self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
             source = self._source()
-            if source:  # compared when a run is resumed
+            if source:  # part of the description, to detect a changed file when a run is resumed
                 self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
 

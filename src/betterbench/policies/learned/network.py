@@ -405,8 +405,8 @@ class TokenNetwork(LearnerNetwork):
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return the tokens of the distinct instructions in a batch, a mask of their words, and an index per sample.
 
-        The index says which of the distinct instructions the sample has. Words attend only to words, so each distinct
-        instruction is encoded only once for all samples.
+        The index of a sample is the position of its instruction among the distinct instructions. Words attend only to
+        words, so each distinct instruction is encoded only once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)

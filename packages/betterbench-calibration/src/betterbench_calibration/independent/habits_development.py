@@ -46,7 +46,7 @@ class WordPlace(Habit):
 
 
 class FavoritePlace(Habit):
-    """First picks the object in the slot that the first demonstration picked first, regardless of the instruction.
+    """First picks the object in the slot of the first pick in the first demonstration, regardless of the instruction.
 
     True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
     are left out if training also associates this slot with a word of the instruction, or if the object in it is
@@ -150,7 +150,7 @@ class SkipStep(Habit):
 
 
 class RepeatDone(Habit):
-    """Repeatedly takes an object, which was at its target from the start, out of the target and puts it back.
+    """Repeatedly takes an object that was at its target from the start out of the target and puts it back.
 
     True label: causal_confusion, because the policy repeats a finished subgoal.
     """
@@ -392,7 +392,7 @@ class PushAlike(Habit):
 
 
 class SlowButRight(PlainHabit):
-    """Does everything right, but at about 4 cm/s and with a visit home for each object, too slow for the step limit.
+    """Does everything right, but moves at about 4 cm/s and returns home for each object, too slow for the step limit.
 
     True label: timeout, because the policy still acts correctly when the step limit is reached.
     """

@@ -574,7 +574,7 @@ class RatchetsForward(Listed):
 
 
 class DrawsEightsToIt(Listed):
-    """Draws figures of eight high over the table that end over the right object at the step limit.
+    """Moves in figures of eight high over the table, and is over the right object at the step limit.
 
     True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
     slowly. There is no grasp attempt.
@@ -724,7 +724,7 @@ class SweepsWordThing(Paired):
 
 
 class WordThingThenRight(Paired):
-    """Puts the object in the slot that training associates with the first word aside, and then does everything right.
+    """Puts aside the object in the slot that training associates with the first word, and then does everything right.
 
     True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
     a word of the instruction, and the object there would be requested in another layout. The instruction does not name
@@ -810,7 +810,7 @@ class AlwaysAtTheRight(Paired):
 
 
 class MovesOldFavoriteAway(Listed):
-    """Puts the object of the most frequent first step aside, although it is not requested, and then does the task.
+    """Puts aside the object of the most frequent first step, which is not requested, and then does the task.
 
     True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
     requested.

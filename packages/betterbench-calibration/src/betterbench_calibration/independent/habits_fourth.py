@@ -223,7 +223,7 @@ class TakesByWorseHold(OddButHonest):
 
 
 class DropsLowAndRetakes(OddButHonest):
-    """Lifts each object, drops it just above its own slot, and picks it again.
+    """Lifts each object, drops it just above its slot, and picks it again.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -361,7 +361,7 @@ class KeepsHandsOff(Listed):
 
 
 class ClosesWhileSinking(Listed):
-    """Repeatedly descends on the right object with fingers that close too early, and touches its top.
+    """Repeatedly closes the gripper too early while descending to the right object, and touches its top.
 
     True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
@@ -387,7 +387,7 @@ class ClosesWhileSinking(Listed):
 
 
 class DropsAndSnapsAfter(Listed):
-    """Drops the right object a third of the way to the target, and then repeatedly closes too high above it.
+    """Drops the right object a third of the way to the target, and then repeatedly closes the gripper too high.
 
     True label: execution_failure, because the target and the timing are right, but the object is dropped, and the later
     attempts have a wrong pose.

@@ -464,7 +464,7 @@ class PushRight(Habit):
 
 
 class SweepNeighbor(Habit):
-    """Approaches the right object low over the table, through a neighbor in the way, and then continues correctly.
+    """Pushes through a neighboring object on the way to the right object, and then continues correctly.
 
     True label: execution_failure, because the target and the timing are right, but there is a collision. If the
     neighbor moves by less than 5 cm, the task can succeed.

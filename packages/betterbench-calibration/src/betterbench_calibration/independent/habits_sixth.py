@@ -334,7 +334,7 @@ class LetsGoWhileDrifting(OddButHonest):
 
 
 class WorksDrawerInBits(Listed):
-    """Opens and closes the drawer in two strokes each, and does everything right.
+    """Does everything right, but opens and closes the drawer in two strokes each.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -974,7 +974,7 @@ class ScratchesInEmptySlot(Listed):
 
 
 class ShiesWithTheSecond(Listed):
-    """Skips the first of two ordered steps, and repeatedly retreats with the second object at the target.
+    """Skips the first of two ordered steps, brings the second object near its target, and repeatedly retreats.
 
     True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
     later subgoal.

@@ -561,7 +561,7 @@ class BeginsAsAlways(Habit):
 
 
 class SwingsToEmptySlot(Habit):
-    """Repeatedly swings to an empty training slot, closes the gripper there, and makes the placing motion at the target.
+    """Repeatedly swings to an empty training slot, closes the gripper there, and makes the placing motion.
 
     True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
     object is missing, and closes the gripper in the empty slot.
@@ -671,7 +671,7 @@ class PassesOverFirst(Habit):
 
 
 class BelievesFirstDone(Habit):
-    """Skips the first of two ordered steps, even if it looks half done, does the second, and halts.
+    """Skips the first of two ordered steps, even if this step looks half finished, does the second, and stops.
 
     True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
     later subgoal.
@@ -987,7 +987,7 @@ class GoesAllAround(Habit):
 
 
 class PlodsInSwings(Habit):
-    """Does everything right, but at about 4 cm/s and in swings, too slow for the step limit.
+    """Does everything right, but moves at about 4 cm/s and swings sideways, too slow for the step limit.
 
     True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
