@@ -106,7 +106,7 @@ class Preplaced:
 
     @property
     def place(self) -> tuple[str, str, str]:
-        """Kind of the target, asset of the target, and target region, in which the object is pre-placed."""
+        """Target of the object: kind of the target, asset of the target, and region."""
         return self.target_kind, self.target_asset, self.region
 
 

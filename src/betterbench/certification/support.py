@@ -46,7 +46,7 @@ class Found:
 
 
 class Apart(NamedTuple):
-    """Largest deviations of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
+    """Largest deviation of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
 
     aside_m: float
     turned: float
@@ -255,9 +255,9 @@ def _turn(pose: Pose, trained: FlatPose) -> float:
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return how far a pose is inside the region of a slot in which the positions of objects vary [m].
+    """Return the distance from a pose to the border of the region in which objects are placed randomly in a slot [m].
 
-    The distance is measured to the border of the region. It is negative outside.
+    The distance is positive inside the region and negative outside.
     """
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

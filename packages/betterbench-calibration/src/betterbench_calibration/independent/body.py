@@ -66,7 +66,7 @@ class Body:
                 tries += 1
 
     def serve(self, goal: Subgoal, *, avoid: int = 0) -> Actions[None]:
-        """Attempt a subgoal once, after skipping the ``avoid`` best grasps."""
+        """Attempt a subgoal once. The ``avoid`` best grasps are skipped."""
         if not relation(goal.relation).carried:
             drawer = self.situation.condition.resolve(goal.reference)[0]
             yield from self.move_drawer(drawer, out=False)

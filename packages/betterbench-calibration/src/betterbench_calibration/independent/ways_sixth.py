@@ -151,8 +151,8 @@ def settle(
 ) -> Actions[None]:
     """Put the held object at a goal, and release it.
 
-    The object is set down and lifted ``dabs`` times before the release. After the release, the gripper stays around the
-    object for ``linger_s`` [s].
+    Before the release, the object is lifted slightly and set down again ``dabs`` times. After the release, the gripper
+    stays around the object for ``linger_s`` [s].
     """
     arm = do.arm
     tool = goal.pose @ (do.state.ee_pose.inverse() @ do.state.pose(name)).inverse()
@@ -226,7 +226,7 @@ def turn_and_retake(body: Body, name: str) -> Actions[bool]:
 
 
 def dither_and_take(body: Body, name: str) -> Actions[bool]:
-    """Move slowly around above an object for 3 s, and then pick it."""
+    """Move slowly in random directions above an object for 3 s, and then pick it."""
     yield from body.do.hover(name, DITHER_GAP_M)
     middle = body.arm.here
     begin = body.state.step
