@@ -1,4 +1,4 @@
-"""Certification: evidence, for each trial, that only the policy can be the cause of a failure.
+"""Certification: evidence for each trial that a failure can be caused only by the policy.
 
 The modules that contain only data (:mod:`~betterbench.certification.certificate`,
 :mod:`~betterbench.certification.coverage`, :mod:`~betterbench.certification.support`) need no simulator.

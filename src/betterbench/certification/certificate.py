@@ -1,4 +1,4 @@
-"""Data of a certificate: the results of checking each trial's clauses, the margins, a summary, and the JSON form."""
+"""Certificate data: the result of each clause and the margins of each trial, summaries per condition, and JSON form."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ CLAUSES: Mapping[str, str] = {
 }
 """The five clauses of a certificate.
 
-Together they show law 2 of the benchmark: every trial can be solved with motions known from training.
+Together they show that every trial can be solved with motions known from training (law 2 of the benchmark).
 """
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Result of checking one clause of a certificate: whether the clause holds, and a reason or remark, if any."""
+    """Result of checking one clause of a certificate: whether the clause holds, and an optional reason or remark."""
 
     passed: bool
     text: str = ""
@@ -51,7 +51,7 @@ class TrialCertificate:
         clauses: Result for each clause of the certificate, by its letter "a" to "e".
         steps: Number of control steps in the expert's episode.
         penetration_mm: Depth of the deepest penetration between an object and another body in the initial state [mm],
-            or 0 without penetration.
+            or 0 if there is none.
         drift_mm: Largest distance that an untouched object moves in the first 0.2 s [mm].
         joint_margin_rad: Smallest distance between an arm joint and its limit in the grasps planned for clause (d)
             [rad]. None if no grasp was planned.
@@ -104,7 +104,7 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions with which a certificate was made. It is valid only for these versions.
+    """Versions with which a certificate was made. The certificate is valid only for these versions.
 
     The version of the suite determines the random streams. ``looks`` is the appearance of objects and rooms in the
     trials that were examined ("seen" or "unseen"), and ``robot`` is the name of the robot.
@@ -194,7 +194,7 @@ class Certificate:
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
         """Parse a certificate given as JSON.
 
-        Raises InvalidInputError if it is not a certificate of this schema version.
+        Raises InvalidInputError if the JSON value is not a certificate of this schema version.
         """
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
             raise InvalidInputError(

@@ -20,10 +20,10 @@ from betterbench.tasks.suite_folder import CERTIFICATE
 from betterbench.tasks.user_files import options_for, suite_file
 
 SOLVED_SHARE = 0.95
-"""Fraction of a condition's trials that the expert must solve.
+"""Minimum fraction of a condition's trials that the expert must solve.
 
-If it does, the other failures are attributed to the expert, and these trials are listed. Clauses (b) to (e) must hold
-in every trial.
+If the expert reaches this fraction, the unsolved trials are certified as well, because their failures are attributed to
+the expert. They are listed separately. Clauses (b) to (e) must hold in every trial.
 """
 MOST_SEEDS = 1_000_000
 """Largest seed that is allowed in a range. Expanding a larger range from an untrusted file could exhaust the memory."""
@@ -100,7 +100,7 @@ class Coverage:
         """Return a coverage that contains only some of the tasks.
 
         Args:
-            current: Current versions. Its tasks are the tasks to keep.
+            current: Versions in use. The result contains only the tasks that are listed in these versions.
 
         Raises:
             InvalidInputError: If one of the tasks was certified with other versions.
@@ -191,7 +191,7 @@ _COVERAGE = TypeAdapter(Coverage)
 def _minor(version: str) -> str:
     """Return the major and minor part of a MuJoCo version.
 
-    Contact forces can change between minor versions of MuJoCo, and with them the scores.
+    The minor part matters because contact forces, and therefore scores, can change between minor versions of MuJoCo.
     """
     return ".".join(version.split(".")[:2])
 
@@ -223,7 +223,7 @@ def packaged_name(suite: str) -> str:
 def coverage_of(tasks: Iterable[str]) -> Coverage:
     """Return the coverage of the certificate that applies to the given tasks.
 
-    For a suite in a folder, it is read from this folder, otherwise from the package.
+    The coverage of a suite in a folder is read from that folder. Otherwise, it is read from the package.
 
     Raises:
         InvalidInputError: If the certificate in the folder cannot be read.
@@ -266,7 +266,7 @@ def cure_for(
     robot: str = USUAL_ROBOT,
     unmeasured: Sequence[str] = (),
 ) -> str:
-    """Return an instruction for the user, which says how to deal with a trial that is not certified.
+    """Return the remedy that an error message suggests for a trial that is not certified.
 
     Args:
         gap: Trial that is not certified, with the reason.

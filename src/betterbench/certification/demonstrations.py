@@ -1,4 +1,4 @@
-"""Measurement of demonstrations: where objects are released and where they come to rest in the training conditions."""
+"""Measurement of demonstrations: the points at which objects are released, and the poses in which they come to rest."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MOST_POSES = 12
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """Placement of an object in a demonstration, in the units of ``Releases`` and ``FinalPoses``."""
+    """Placement of an object in a demonstration. Lengths are in millimeters and angles in degrees."""
 
     slot: str
     relation: str
@@ -77,9 +77,9 @@ def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...]
     """Return the demonstrations of a task that are to be measured. They use the training conditions in turn.
 
     Returns:
-        Two lists: demonstrations that start with no object at a target, and demonstrations that start with some objects
-        already at a target. In the second kind, these objects start in final poses that were measured in the first
-        kind.
+        Two tuples: the demonstrations that start with no object at a target, and those that start with some objects
+        already at a target. The initial poses of these objects are final poses that were measured in the demonstrations
+        of the first tuple.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]

@@ -49,7 +49,7 @@ Assets at rest penetrate by less than 0.5 mm.
 
 @dataclass(frozen=True, slots=True)
 class InitialRest:
-    """Result of clause (c) of a certificate, which requires that objects are at rest in the initial state.
+    """Result of clause (c) of a certificate, which requires that all objects are at rest in the initial state.
 
     The result includes the depth of the largest penetration [mm] and the largest motion of an object [mm].
     """
@@ -89,7 +89,7 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str | None = None,
 ) -> TrialCertificate:
-    """Examine one seed of a condition against all clauses of a certificate. The condition need not be registered."""
+    """Examine one seed of a condition against all clauses of a certificate. The condition may be unregistered."""
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot
@@ -126,7 +126,7 @@ def examine_condition(
 
 
 def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
-    """Check clause (c) of a certificate: all objects are at rest while the arm does not move for some control steps."""
+    """Check clause (c) of a certificate: all objects stay at rest while the arm does not move for ``steps`` steps."""
     before = scene.reset(check_premise=False)
     span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)

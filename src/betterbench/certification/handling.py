@@ -2,8 +2,8 @@
 
 A **pick** contains the last pose in which the object was at rest before the gripper touched it. A **put** contains the
 point at which the object was released, and the resulting relation between the object and a target. A **slide** is a
-motion of a drawer along its rails. An object is **pre-placed** if it is at its target from the start, in which case its
-pose is stored.
+motion of a drawer along its rails. An object is **pre-placed** if it is at its target from the start. Its pose is then
+stored.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Preplaced:
 
     @property
     def place(self) -> tuple[str, str, str]:
-        """Kind of the target, asset of the target, and target region, in which the object is pre-placed."""
+        """Target of the object: kind of the target, asset of the target, and region."""
         return self.target_kind, self.target_asset, self.region
 
 
@@ -196,9 +196,10 @@ class Handling:
         return (*self._found, *self._slid.values())
 
     def left(self) -> tuple[Preplaced, ...]:
-        """Return the objects whose final position is one in which objects may also be at the start of another trial.
+        """Return the objects that rest at a target at the end, with their final poses.
 
-        An object's final pose may differ from the pose after it was put down, because objects placed later can move it.
+        Other trials may start with an object in such a pose. The final pose of an object may differ from the pose after
+        it was put down, because objects placed later can move it.
         """
         state, relation = self._last, self._relations[0]
         if state is None or relation.surface is None:

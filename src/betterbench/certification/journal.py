@@ -25,7 +25,7 @@ from betterbench.tasks import TrialId
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
 _MOST_HEADER = 10_000
 CURE = "Restore the file from a copy, or work in a new folder"
-"""Remedy for a line of the journal that has been changed."""
+"""Remedy that error messages suggest if a line of the journal is corrupt."""
 
 
 @strict_form
@@ -81,7 +81,7 @@ class VersionedJournal(LineJournal):
     """
 
     form: ClassVar[str]
-    """Kind of the journal, which its first line names."""
+    """Kind of the journal, as stated in its first line."""
 
     def __init__(self, path: Path, versions: CertificateVersions, *, renews: bool = False) -> None:
         self._versions = versions
@@ -124,7 +124,7 @@ class VersionedJournal(LineJournal):
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield each line after the header as a JSON object, together with the link that it contains.
+    """Yield each line after the header as a JSON object, together with the hash that links it to the previous line.
 
     See :func:`~betterbench.jobs.line_journal.linked_forms`.
     """

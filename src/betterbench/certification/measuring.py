@@ -121,7 +121,7 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId)
 
 
 def destination(task: str) -> Path | None:
-    """Return the file to which the measurements of a task in a user file are written. It is next to the user file.
+    """Return the path of the file for the measurements of a task, which is next to the user file that defines the task.
 
     Return None for a task of a packaged suite.
     """
@@ -140,7 +140,7 @@ def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another type could not be loaded
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # already checked when the file was loaded
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

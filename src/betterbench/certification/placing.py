@@ -1,4 +1,4 @@
-"""Adaptation of a task to another robot: determines where the robot's base stands and which objects it can reach.
+"""Adaptation of a task to another robot: choice of the base position, and a check of what the robot can grasp there.
 
 All positions of a task are given in the base frame of its original robot. For another robot, the base is moved to the
 position from which this robot reaches the most slots, while the slots stay where they are. The result is a separate
@@ -30,7 +30,8 @@ FARTHEST_M = 0.8
 OBJECT_HEIGHT_M = 0.03
 """Height of grasps above the table for which the reach is computed [m]."""
 MARGIN_M = 0.01
-"""Distance that a slot must keep from the limits of the reach, since objects are placed randomly around it [m]."""
+"""Minimum distance between a slot and the limits of the reach [m], since objects are placed randomly around the slot.
+"""
 WIDEST_RAD = math.radians(100.0)
 """Largest angle between the forward direction of the robot and a slot [rad]."""
 
@@ -70,7 +71,7 @@ class GraspCount:
 
 @dataclass(frozen=True, slots=True)
 class Feasibility:
-    """Result of checking in the training conditions whether a robot can do a task.
+    """Result of checking whether a robot can do the training conditions of a task.
 
     Attributes:
         solved: Number of trials that the expert solved.
@@ -99,7 +100,7 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 def place_task(task: Task, spec: RobotSpec) -> Placed:
     """Adapt a task to another robot. The base is moved to the position from which the fewest slots are out of reach.
 
-    Among equally good positions, the one is chosen for which the slots are closest to the middle of the robot's reach.
+    If several positions are equally good, the slots are on average as close as possible to the middle of the reach.
     Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:
@@ -127,7 +128,8 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:
     """Check whether a robot can do a task by planning grasps from the initial state and running the expert.
 
-    This is done for each training condition with each of the first seeds. ``on_trial`` is called after each trial.
+    This is done for each training condition with each seed from 0 to ``seeds - 1``. ``on_trial`` is called after each
+    trial.
     """
     solved, total = 0, 0
     tried, planned, problems = Counter[str](), Counter[str](), Counter[str]()

@@ -1,4 +1,4 @@
-"""Certification of many trials in worker processes. It writes a journal and, at the end, a certificate."""
+"""Certification of many trials in worker processes, with a journal and, at the end, a certificate file."""
 
 from __future__ import annotations
 

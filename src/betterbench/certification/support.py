@@ -19,14 +19,14 @@ from betterbench.tasks.relations import RELATIONS
 POSITION_TOLERANCE_M = 0.001
 """Tolerance around the region in which objects are placed randomly in a slot [m].
 
-It is the motion that clause (c) allows.
+It is equal to the motion of resting objects that clause (c) of a certificate allows.
 """
 YAW_TOLERANCE_RAD = 0.02
-"""Tolerance beyond the random rotation of an object in a slot [rad]. Assets at rest never turn by that much."""
+"""Tolerance beyond the random rotation of an object in a slot [rad]. Objects at rest never rotate by this much."""
 PUSHED_TOLERANCE_M = 0.005
 """Position tolerance for a movable target [m], which may be pushed by this distance when an object is placed on it."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
-"""Largest distance [m] and rotation [rad] between a pre-placed object and the nearest final pose in demonstrations."""
+"""Largest accepted distance [m] and rotation [rad] of a pre-placed object from the nearest final demonstration pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Found:
 
 
 class Apart(NamedTuple):
-    """Largest deviations of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
+    """Largest deviation of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
 
     aside_m: float
     turned: float
@@ -255,9 +255,9 @@ def _turn(pose: Pose, trained: FlatPose) -> float:
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return how far a pose is inside the region of a slot in which the positions of objects vary [m].
+    """Return the distance from a pose to the border of the region in which objects are placed randomly in a slot [m].
 
-    The distance is measured to the border of the region. It is negative outside.
+    The distance is positive inside the region and negative outside.
     """
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

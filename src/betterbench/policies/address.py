@@ -28,7 +28,7 @@ _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 
 def _listed(allowed: object) -> str:
-    """Return the values of a Literal for messages."""
+    """Return the values of a Literal type as text, for messages."""
     *first, last = map(repr, get_args(allowed))
     return f"{', '.join(first)} or {last}"
 
@@ -39,7 +39,7 @@ class Option:
 
     Attributes:
         name: Name of the option. If it ends with a period, a key follows it in the address: ``camera.KEY=value``.
-        meaning: Description of the value with its unit, used in messages ("the deadline of one answer [s]").
+        meaning: Description of the value with its unit, used in messages ("the time limit for one answer [s]").
         reads: Type of the value. Numbers must be finite and ≥ 0.
         most: Largest allowed number. Infinity means that there is no limit.
     """
@@ -86,8 +86,8 @@ EXECUTION = (
 """Options for the execution of action chunks (see :class:`betterbench.interface.Execution`)."""
 
 CONNECTION = (
-    Option("timeout", "the deadline of one answer [s]", "number"),
-    Option("warmup", "the deadline of the first answer [s]", "number"),
+    Option("timeout", "the time limit for one answer [s]", "number"),
+    Option("warmup", "the time limit for the first answer [s]", "number"),
     Option("retries", "the number of times that a failed request is sent again", "whole"),
     Option("patience", "the time to wait for an unreachable server [s]", "number"),
     Option("api_key_env", "the environment variable with the key"),
@@ -96,8 +96,8 @@ CONNECTION = (
 """Options that configure the connection to a server: timeouts, retries, API key and encryption."""
 
 ADAPTER = (
-    Option("preset", "the name of the policy's layout of requests"),
-    Option("adapter", "the file of a custom layout"),
+    Option("preset", "the name of the preset, which describes the inputs and outputs of the policy"),
+    Option("adapter", "the path of an adapter file"),
     Option("size", "the size of the images, such as 224x224 [px]"),
     Option("fit", "how an image is resized"),
     Option("keep", "the fraction of the image that a center crop keeps", "number"),
@@ -301,7 +301,7 @@ class PolicyAddress:
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return how the policy's action chunks are executed, according to the options of the address.
+        """Return the settings for the execution of action chunks, according to the options of the address.
 
         Raises InvalidInputError if the options contradict each other. ``usual_horizon`` is the execution horizon that
         the adapter declares. It is used if the address sets neither ``horizon`` nor ``ensemble``.

@@ -113,7 +113,7 @@ def at_target(state: WorldState, name: str, target: str, relation_name: str, reg
 
 
 def reached(state: WorldState, condition: Condition, index: int) -> bool:
-    """Return whether as many objects as a subgoal requires are at its target."""
+    """Return whether a subgoal is reached, i.e. whether the required number of objects is at its target."""
     goal = condition.instruction.subgoals[index]
     names = condition.resolve(goal.reference)
     return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count
@@ -128,8 +128,9 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
     """Return the indices of the subgoals that may be worked on now.
 
-    If the order matters, this is the first subgoal that has not been reached. Otherwise, it is every such subgoal,
-    except that a drawer is closed only when its contents are inside. Subgoals whose object does not exist are left out.
+    If the order matters, only the first unreached subgoal is returned. Otherwise, all unreached subgoals are returned,
+    except that a drawer is closed only after all objects have been put into it. Subgoals whose object does not exist
+    are left out.
     """
     goals = condition.instruction.subgoals
     left = [i for i in range(len(goals)) if not reached(state, condition, i) and condition.resolve(goals[i].reference)]
@@ -145,7 +146,7 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     """Choose an object for a subgoal, or return None if there is none left.
 
-    The object is drawn, using the seed of the trial, from the equivalent objects that are not yet at the target.
+    The object is chosen at random, with the seed of the trial, among the equivalent objects that are not at the target.
     """
     goals = situation.condition.instruction.subgoals
     goal = goals[index]

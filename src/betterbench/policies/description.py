@@ -1,6 +1,6 @@
 """Descriptions of policies as JSON of limited size.
 
-When a run is resumed, the new and the stored description are compared.
+When a run is resumed, the description of the policy is compared with the description that the run contains.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
     }
 
 
-def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Convert what a server declares to JSON of limited size.
+def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON from an untrusted server
+    """Convert the metadata that a server declares to JSON of limited size.
 
-    Short arrays become lists, and long arrays are replaced by hashes.
+    Short arrays become lists. Long arrays are replaced by hashes.
     """
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
@@ -79,7 +79,7 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
 
 
 def _document(text: str) -> object:
-    """If a text contains a JSON object or list, return the object or list. Otherwise, return the text itself."""
+    """Return the JSON object or list that a text contains, or the text itself if it contains neither."""
     if text[:1] in ("{", "["):
         try:
             return parse_json(text)

@@ -26,9 +26,9 @@ SOURCE = "source file"
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return the description of a policy. If a run is given, check that the policy fits the run.
+    """Return the description of a policy. This may contact a policy server.
 
-    The check may contact a policy server.
+    If the action space and the observation preset of a run are given, check that the policy supports them.
 
     Raises:
         UnknownNameError: If no policy has this address.
@@ -42,9 +42,10 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the maximum time for one answer of a policy [s]. The address of a server determines it, otherwise the run.
+    """Return the maximum time that a policy may take for one answer [s].
 
-    If the caller passed a policy object to the run, the name of the object is given instead of an address.
+    The address of a policy server determines this time. For all other policies, it is the time limit of the run,
+    ``policy_timeout_s``. If the caller passed a policy object to the run, ``address`` is the name of the object.
     """
     kind = find_kind(address)
     if kind is None or not kind.needs_of(address).server:
@@ -55,7 +56,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 class PolicyFactory:
     """Factory for the policies of one worker.
 
-    At the end of a ``with`` block, it closes an instance that was not used.
+    At the end of a ``with`` block, it closes an instance that was created but not taken.
     """
 
     def __init__(
@@ -70,13 +71,17 @@ class PolicyFactory:
     ) -> None:
         """Store the settings. Nothing is loaded and no server is contacted yet.
 
-        If ``apart`` is True, a policy written by the user is loaded in a separate process. One answer may take up to
-        ``timeout_s`` [s], and loading may take ten times as long. ``known`` is the declaration that the server made at
-        the start of the run, or None if the clients themselves compare declarations. ``world`` names the benchmark
-        whose conventions apply, such as "libero" (``World.dialect``). By default, the address determines the policy
-        kind ``kind``.
+        Args:
+            address: Address of the policy.
+            apart: Whether a policy written by the user is loaded in a separate process.
+            known: Description of the policy at the start of the run, which a policy server must still provide. By
+                default, all instances must have the description of the first one.
+            timeout_s: Maximum time for one answer [s]. Loading the policy may take ten times as long.
+            world: Benchmark whose conventions apply, such as "libero" (``World.dialect``), or empty.
+            kind: Policy kind. By default, the address determines it.
 
-        Raises UnknownNameError if no policy has this address.
+        Raises:
+            UnknownNameError: If no policy has this address.
         """
         self.address = address
         self._kind = kind or kind_of(address)
@@ -110,13 +115,13 @@ class PolicyFactory:
             self._made = self._make()
             self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
             source = self._source()
-            if source:  # compared when a run is resumed
+            if source:  # part of the description, to detect a changed file when a run is resumed
                 self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments.
+        """Whether one instance can answer the observations of many environments in one call.
 
         Reading this property creates the policy.
         """
@@ -125,7 +130,9 @@ class PolicyFactory:
     def check(
         self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
     ) -> PolicyInfo:
-        """Return :attr:`info` after the checks of :func:`check_policy`. For a replay policy, the action space is empty.
+        """Check that the policy fits a run, as :func:`check_policy` does, and return :attr:`info`.
+
+        For a replay policy, the action space in the result is empty.
 
         ``rate_hz`` is the control rate of the run [Hz].
         """

@@ -1,4 +1,4 @@
-"""Calibration on the independent family, with plans for trials in which each habit shows."""
+"""Calibration of the diagnosis on the independent family. Its trials are those in which a habit shows."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Pla
 
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
-        trials: Number of trials per policy in which its habit decides or acts wrongly, spread over the tasks. For a
-            habit without a fault, all trials in which it acts count. A habit whose label needs several trials is given
-            complete tasks until this number is reached.
-        seed: Seed of all trials. If a habit shows in fewer conditions than ``trials``, the next seeds are also used.
+        trials: Number of trials per policy in which its behavior is wrong, spread over the tasks. For a habit without a
+            fault, all trials in which the habit shows count. For a habit whose label needs several trials, complete
+            tasks are added until this number is reached.
+        seed: First seed. If a habit shows in fewer conditions than ``trials``, the next seeds are also used.
 
     Raises:
         InvalidInputError: If the part does not exist, or ``trials`` is below 1.
@@ -44,7 +44,7 @@ def calibrate_independent(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run a part of the independent family, diagnose its records, and compare the labels with the true labels.
+    """Run a part of the independent family, diagnose the records, and compare the labels with the true labels.
 
     Raises the errors of :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate`.
     """

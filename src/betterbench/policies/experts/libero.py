@@ -29,10 +29,10 @@ TOOL_TIP_M = 0.011
 """Distance by which the fingers extend below the tool center point [m]."""
 
 HAND_ABOVE_M = 0.035
-"""Distance of the hand above the tool center point [m]."""
+"""Height of the bottom of the Panda hand above the tool center point [m]."""
 
 HAND_HALF_M = (0.04, 0.11)
-"""Half extents of the hand, across the axis along which the fingers close, and along this axis [m]."""
+"""Half extents of the Panda hand, perpendicular to and along the axis on which the fingers close [m]."""
 
 HOME_YAW = 0.5 * math.pi
 """Direction of the axis along which the fingers close, in the home pose [rad]."""
@@ -67,15 +67,15 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Privileged policy for one episode of a LIBERO task whose goal is reached by carrying objects."""
+    """Privileged policy for one episode of a LIBERO task that requires only picking and placing objects."""
 
     def __init__(self, address: str, scene: ProcessScene) -> None:
         """Prepare the policy for an episode of a scene that has been reset.
 
         Raises:
             UnknownNameError: If no such policy exists.
-            InvalidInputError: If the policy does not work in LIBERO, or if the task requires more than carrying
-                objects.
+            InvalidInputError: If the policy does not work in LIBERO, or if the task requires more than picking and
+                placing objects.
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
@@ -243,7 +243,7 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """Relation in the goal that is established by carrying an object.
+    """Pick-and-place step that establishes one relation of the goal.
 
     ``number`` is the index of the relation in the goal.
     """
@@ -255,19 +255,19 @@ class CarriedStep:
 
 
 def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
-    """Return the carrying steps that reach the goal of a scene's task. The scene must have been reset.
+    """Return the pick-and-place steps that reach the goal of a task. The scene must have been reset.
 
     Raises:
-        InvalidInputError: If a step requires more than carrying an object.
+        InvalidInputError: If a step requires more than picking and placing an object.
     """
     return tuple(carried_step(scene.info.objects, i, name) for i, name in enumerate(scene.subgoal_names))
 
 
 def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> CarriedStep:
-    """Return the carrying step that establishes a relation in the goal, such as "in(milk_1, basket_1_contain_region)".
+    """Return the pick-and-place step for a relation in the goal, such as "in(milk_1, basket_1_contain_region)".
 
     Raises:
-        InvalidInputError: If the relation cannot be established by carrying an object.
+        InvalidInputError: If the relation cannot be established by picking and placing an object.
     """
     relation, _, rest = name.removesuffix(")").partition("(")
     about = rest.split(", ")

@@ -34,27 +34,27 @@ from betterbench.tasks.relations.inside import inside
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation in which the tool points straight down and the fingers open along -y."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
-"""Position error [m] and angle error [rad] that are tolerated in a configuration that is checked for collisions.
+"""Position error [m] and rotation error [rad] of the inverse kinematics that are tolerated in collision checks.
 
-The clearances used in the check are larger.
+The clearances used in the checks are larger.
 """
 MAX_JOINT_STEP_RAD = 0.6
 """Largest joint motion between two checked configurations [rad].
 
-A larger motion means that the arm would have to change its posture.
+A larger motion means that the arm would have to change its posture, for example flip its elbow.
 """
 COMFORT_RAD = 0.3
-"""Distance that is preferred between a joint and its limits [rad], because a wrist at its limit cannot rotate further.
-"""
+"""Preferred distance between a joint and its limits [rad]. A wrist at its limit cannot rotate further."""
 RISES_M = (0.0, 0.002, 0.004)
-"""Heights above the goal from which an object may be released [m], of which the lowest possible one is used.
+"""Heights above the goal pose at which an object may be released [m], tried from the lowest.
 
-They are needed for an arm that tilts its tool, since an edge of a tilted object extends below the goal.
+Heights above zero are needed for an arm that tilts its tool, because an edge of a tilted object extends below the goal.
 """
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around the knob of a drawer, used in the collision check of the motion along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason why a path is rejected that would require the arm to change its posture."""
+"""Reason for rejecting a pose that the arm cannot reach, or a path on which the arm would have to change its posture.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +125,8 @@ class Planner:
     def _apart_first(self, plan: Callable[[], _Plan]) -> _Plan:
         """Make a plan in which certain parts of the folded arm do not touch each other.
 
-        If none is found, allow contact. Contact between these parts can stop the arm while it lifts an object, but
-        often does not.
+        If there is no such plan, allow these parts to touch. Their contact can stop the arm while it lifts an object,
+        but often does not.
         """
         if self._robot.kept_apart:
             self._clearance.keeps_apart = True
@@ -459,9 +459,9 @@ class Planner:
     ) -> tuple[str | None, list[float]]:
         """Check a path for collisions by solving the joint angles along it.
 
-        The obstacles are where they were when the last plan was begun. As in the controller, the joint angles for each
-        pose are solved starting from those of the previous pose. A path that reaches a joint limit, or along which the
-        elbow would have to change its posture, therefore counts as blocked.
+        The objects have the poses of the state that was last loaded into the collision checker. As in the controller,
+        the joint angles for each pose are solved starting from those of the previous pose. A path therefore counts as
+        blocked if it reaches a joint limit or if the arm would have to change its posture.
 
         Args:
             joints: Joint angles (n,) at the beginning of the path [rad].

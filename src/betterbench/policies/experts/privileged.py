@@ -118,7 +118,7 @@ def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
     """Return a function that looks up release points, measured in demonstrations, at the targets in a scene.
 
-    It works for any seed.
+    It also works while demonstrations are being made.
     """
     condition = scene.condition
     known = demonstrated_if_measured(scene.task, engine=engine_version())

@@ -1,4 +1,4 @@
-"""Motor skills (reach, grasp, place). Combined skills notice a failed attempt and repeat it."""
+"""Motor skills (reach, grasp, place). Combined skills detect a failed attempt and repeat it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Skills:
             equally good goals.
         trained: Function that returns the release points in demonstrations, given a target, a relation and a region. It
             returns None if they are unknown.
-        attempts: Number of times that a failed grasp is repeated.
+        attempts: Maximum number of attempts at a grasp, a placement or a drawer movement.
         grasp_offset: Deliberate grasp error, or None.
         speed: Speed of motions, as a fraction of the normal speed.
         obstacle: Reason why the last motion could not be planned. Empty if planning succeeded.

@@ -1,4 +1,4 @@
-"""``zoo:inertia``: a policy that begins, and continues after a finished step, as most demonstrations do."""
+"""``zoo:inertia``: a policy that starts as most demonstrations do, and continues after each step as they do."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class Inertia(BrokenRule):
     demonstrations show one fixed sequence, in which a finished step triggers the next step. The policy then begins with
     the first step only if the object for this step is still on the table.
 
-    When nothing is left to do, the policy executes the next step of training if the object for that step is missing.
+    When the instruction is completed, the policy also attempts the step that comes next in the demonstrations if the
+    object for that step is missing. It then grasps at the empty slot of the object.
     """
 
     label = Label.BEHAVIORAL_INERTIA

@@ -11,7 +11,11 @@ from betterbench.tasks import Label
 
 
 class _LookAlike(BrokenRule):
-    """Rule that looks for an object with one feature of the requested object, first in slots known from training."""
+    """Rule that accepts an object with the same feature (color or shape) as the requested object.
+
+    The object is taken from a slot that training associates with the word. If no such slot contains an object with this
+    feature, the rule decides like the expert.
+    """
 
     feature: ClassVar[str]
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
@@ -26,7 +30,7 @@ class _LookAlike(BrokenRule):
             return super().broken(state, history)
         right = self.bring(state, index)
         if not isinstance(right, Bring):
-            # If the object is missing, the feature is that of the objects to which the words referred in training.
+            # If the requested object is missing, look for the color that such objects have in training.
             wanted = (
                 self._of_missing(state, goal.reference.kind) if not self.condition.resolve(goal.reference) else None
             )
@@ -44,7 +48,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature that objects of a kind have in training, for a kind that is missing in the scene."""
+        """Return the color of the objects of a kind in training, or None if the feature is not the color."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:

@@ -41,7 +41,7 @@ from betterbench.tasks import (
 from betterbench.tasks.authoring.training_distribution import on_table
 
 STANDS_WITHIN_M = 0.06
-"""Largest distance from a slot at which an object still counts as in the slot [m].
+"""Largest distance from a slot at which an object counts as being in the slot [m].
 
 It allows for the random placement and a small push.
 """
@@ -180,7 +180,7 @@ class BrokenRule(ExpertRule):
         return next((known.layout[n] for n in known.resolve(steps[number].reference) if n in known.layout), None)
 
     def out_of_order(self, state: WorldState) -> bool:
-        """Return whether a training step is finished although an earlier step is not, whose object is in the scene."""
+        """Return whether a training step is finished before an earlier step whose object is in the scene."""
         known = self._same_instruction()
         if known is None:
             return False

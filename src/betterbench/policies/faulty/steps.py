@@ -134,7 +134,7 @@ class HabitPlace(BrokenRule):
         return right
 
     def _habits(self, state: WorldState, index: int) -> list[tuple[str, str, str]]:
-        """Return the targets that objects like that of a subgoal have in training, each with relation and region.
+        """Return the targets to which objects of the subgoal's kind are brought in training, with relation and region.
 
         The list is empty if the target of the subgoal itself occurred in training.
         """

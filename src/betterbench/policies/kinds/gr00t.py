@@ -25,7 +25,7 @@ GR00T = register_server(
     connect=_connect,
     usual="gr00t_new_embodiment",
     options=(
-        Option("layout", "the layout of a request"),
+        Option("layout", "the format of a request"),
         Option("api_token_env", "the environment variable with the token"),
         Option("rtc_overlap_steps", "the number of actions of two chunks that overlap", "whole"),
         Option("rtc_frozen_steps", "the number of actions of the overlap that are kept unchanged", "whole"),

@@ -123,7 +123,7 @@ _FUNCTIONS = {
     "require_world": "address, world",
     "space_in_world": "address",
 }
-"""Parameters of each function of a kind."""
+"""Required parameters of each function of a policy kind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,14 +144,14 @@ class PolicyKind:
             policies.
         read: Function that parses an address for use in a benchmark ("libero", or empty for betterbench's own scenes).
             By default, ``form`` parses the address.
-        describe: Function that returns the description of a policy. None if the policy must be created to know its
-            description.
+        describe: Function that returns the description of a policy. It returns None if the policy must be created to
+            know its description.
         compares: Whether the policies have a method ``check`` that compares their conventions with those of the run.
         source_of: Function that returns the name and SHA-256 of the user's file that contains a policy. Both are
             compared when a run is resumed.
         risk: Description of the risk of evaluating a policy of this kind, in which ``{target}`` stands for the target
             of the address. The user must accept the risk with ``--trust``.
-        require_world: Function that raises InvalidInputError if a policy cannot act in the given benchmark ("LIBERO").
+        require_world: Function that raises InvalidInputError if a policy does not support a benchmark ("LIBERO").
         space_in_world: Function that returns the action space that a policy uses in the benchmark for which its address
             was parsed. It returns None if the action space is not fixed.
         spaces: Action spaces from which the run can choose, because the policies support all of them. Empty if each

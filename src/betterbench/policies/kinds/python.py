@@ -84,8 +84,8 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
     return where, name, arguments
 
 
-def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
-    from betterbench.json_form import parse_json  # as above
+def _value(text: str) -> Any:  # noqa: ANN401 - any JSON value
+    from betterbench.json_form import parse_json  # imported here for the reason given in source_of
 
     try:
         return parse_json(text)

@@ -1,4 +1,4 @@
-"""Policy kind ``random``: a random walk. It shows what success rate random actions reach."""
+"""Policy kind ``random``: a random walk, as a baseline for the success rate of other policies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 
 class Random:
-    """Policy that performs a random walk with a seed. Its velocity is random, so the robot covers some distance.
+    """Policy that performs a seeded random walk.
+
+    The velocity changes randomly but slowly, so that the robot moves through the scene instead of trembling.
 
     In an action space of absolute joint angles, the walk starts at the measured angles and moves each joint by at most
     :data:`~betterbench.interface.actions.JOINT_STEP_PER_UNIT_RAD` per step.

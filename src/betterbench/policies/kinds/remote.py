@@ -87,7 +87,7 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space that a policy has in the benchmark for which its address was parsed.
+    """Return the action space that a policy uses in the benchmark for which its address was parsed.
 
     Return None if the address does not determine it. ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.

@@ -24,5 +24,5 @@ STARVLA = register_server(
     port=10093,
     connect=_connect,
     usual="starvla",
-    options=(Option("layout", "the layout of a request"),),
+    options=(Option("layout", "the format of a request"),),
 )

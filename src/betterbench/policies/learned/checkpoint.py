@@ -156,8 +156,8 @@ def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: st
     """Check, before the network is created, that the file contains as many weights as its metadata require.
 
     A transformer layer has 12 matrices of size width x width (queries, keys, values, their output map, and two maps of
-    size 4 width x width). Each word of the vocabulary has one row of length width. If there are too few weights, an
-    error is raised.
+    size 4 width x width). Each word of the vocabulary has one row of length width. Raises InvalidInputError if there
+    are too few weights.
     """
     size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
     claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width

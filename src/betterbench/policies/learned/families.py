@@ -47,7 +47,7 @@ class Capacity:
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Family of learners, which have the same kind of input and network.
+    """Family of learners that have the same kind of input and the same network architecture.
 
     Attributes:
         name: Name of the family in recipes.
@@ -97,7 +97,7 @@ def learner(
     The decorated class must be a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
 
     Args:
-        name: Name of the family, which recipes contain in the field ``family``.
+        name: Name of the family, for the field ``family`` of recipes.
         sees: Input of the learner: ``objects``, or ``pixels`` for the images that the recipe selects with ``eyes``.
         capacities: Size of the transformer for each of the names ``small``, ``base`` and ``large``. By default, the
             sizes of the built-in family with the same input.

@@ -1,4 +1,4 @@
-"""Loading of the checkpoint that a policy address names (``learned:CHECKPOINT?execute=4``) and of the policy."""
+"""Loading of learned policies from the checkpoint in a policy address (``learned:CHECKPOINT?execute=4``)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon. The address determines it or, without such an option, the training recipe.
+    """Return the execution horizon from the option ``execute`` of the address or, by default, from the recipe.
 
     Raises InvalidInputError if a chunk has fewer actions than the execution horizon.
     """

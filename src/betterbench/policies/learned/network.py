@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Lengths by which the positions of objects relative to the tool are divided before they enter the network [m]."""
+"""Lengths by which positions relative to the tool are divided before they are passed to the network [m]."""
 WAVES_M = (0.4, 0.1)
 """Wavelengths of sine and cosine features of the positions of objects relative to the tool [m].
 
@@ -40,8 +40,8 @@ class ShownBatch:
 
     Attributes:
         words: (B, w) int64 indices of the words of each instruction, with w at most MOST_WORDS.
-        tools: (B, history, 10) float32 states of the tool, of which the present state comes first.
-        blind: (B,) bool, True for samples from which the tool states are removed. None if no sample lacks them.
+        tools: (B, history, 10) float32 states of the tool, starting with the present state.
+        blind: (B,) bool, True for samples from which the tool states are removed. None if they are never removed.
     """
 
     words: Tensor
@@ -97,7 +97,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """Transformer layer that normalizes its input before the attention and again before the two linear maps."""
+    """Pre-norm transformer layer: layer normalization is applied before the attention and before the MLP."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -174,7 +174,7 @@ class LearnerNetwork(nn.Module):
         """Create the modules of the family. The initial weights are drawn from torch's global random generator."""
         raise NotImplementedError(f"{type(self).__name__} must implement build")
 
-    def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
+    def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - result of hear
         """Return one vector per sample as a (B, width) tensor.
 
         Args:
@@ -183,8 +183,8 @@ class LearnerNetwork(nn.Module):
         """
         raise NotImplementedError(f"{type(self).__name__} must implement summary")
 
-    def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return an encoding of instructions, (B, w) int64, that can be cached during an episode.
+    def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - depends on the family
+        """Return an encoding of the instructions ``words``, (B, w) int64, which can be cached during an episode.
 
         The encoding is passed to every call of :meth:`answer` in the episode. If the result is None, nothing is cached.
         """
@@ -273,9 +273,11 @@ class LearnerNetwork(nn.Module):
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step. It is computed in this method so that several processes share gradients.
+        """Return the loss of a training step.
 
-        For a question, the loss is the cross-entropy. Each question has the same weight as a frame with actions.
+        The loss is computed in ``forward``, because DistributedDataParallel synchronizes gradients only for calls of
+        this method. The loss of a question is the cross-entropy. Each question has the same weight as a frame with
+        actions.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:
@@ -366,7 +368,7 @@ class TokenNetwork(LearnerNetwork):
         return found
 
     def hear(self, words: Tensor) -> Heard:
-        """Return an encoding of instructions, (B, w) int64, that every call of :meth:`answer` can use."""
+        """Return an encoding of the instructions ``words``, (B, w) int64, for all calls of :meth:`answer`."""
         tokens, told, which = self._instructions(words)
         memories, seen = [], told[:, None, None, :]
         heard = tokens
@@ -403,8 +405,8 @@ class TokenNetwork(LearnerNetwork):
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return the tokens of the distinct instructions in a batch, a mask of their words, and an index per sample.
 
-        The index says which of the distinct instructions the sample has. Words attend only to words, so each distinct
-        instruction is encoded only once for all samples.
+        The index of a sample is the position of its instruction among the distinct instructions. Words attend only to
+        words, so each distinct instruction is encoded only once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)

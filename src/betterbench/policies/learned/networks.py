@@ -1,4 +1,4 @@
-"""Creation of the network that a recipe describes, for any family."""
+"""Creation of a learner's network from a training recipe."""
 
 from __future__ import annotations
 

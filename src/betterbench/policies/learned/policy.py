@@ -94,7 +94,7 @@ class Learner:
         limited: np.ndarray = np.clip(answer, -1.0, 1.0)
         return limited
 
-    def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
+    def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - depends on the family
         """Return the encoding of an instruction. It is computed once and then cached."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)

@@ -84,7 +84,7 @@ class View:
     window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
 
     def __post_init__(self) -> None:
-        """Raise an error if the window, which is the part of the image to use, is empty or too small."""
+        """Raise InvalidInputError if the window is empty or too small."""
         left, top, right, bottom = self.window
         if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
             problem = f"{list(self.window)} is empty or too small"
@@ -99,7 +99,7 @@ class Eyes:
     Attributes:
         observation: Name of the observation preset that contains the cameras. Evaluation must use the same preset.
         views: Image inputs. Each is given as the name of a camera, or as a camera with a window.
-        size: Side length of each image when it enters the network [pixel].
+        size: Side length of the input images of the network [pixel].
         quality: Rendering quality of the training images.
     """
 
@@ -167,10 +167,10 @@ class TrainingRecipe:
         augmentation: Random augmentation of training samples.
         history: Number of tool states in the input: the present state and earlier states.
         history_stride: Number of control steps between the tool states in the history. For a ``pixels`` learner, which
-            answers every ``execute`` steps, it must be a multiple of ``execute``.
-        chunk: Number of actions in one answer.
-        execute: Execution horizon, i.e. the number of actions that are executed from an answer before the learner
-            answers again.
+            gets an observation every ``execute`` steps, it must be a multiple of ``execute``.
+        chunk: Number of actions in a chunk.
+        execute: Execution horizon: the number of actions of each chunk that are executed before the learner predicts
+            the next chunk.
         loss: Loss function, ``l1`` or ``flow`` (flow matching).
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Fraction of activations that are dropped in training.
@@ -310,7 +310,7 @@ class TrainingRecipe:
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings that determine, together with the vocabulary, the number of weights of the network. By name."""
+        """Settings by name that, together with the vocabulary, determine the shapes of the network's weights."""
         given = self.proprioception.given
         return {
             "family": self.family,

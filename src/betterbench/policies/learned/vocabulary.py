@@ -1,6 +1,6 @@
 """Vocabulary of a learner: the words, categories, colors and answers that occur in the training data.
 
-All words that do not occur in the training data share one index, and so do all such categories and all such colors.
+Unknown words, which do not occur in the training data, share one index. Unknown categories and colors do so as well.
 """
 
 from __future__ import annotations

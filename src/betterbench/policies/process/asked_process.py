@@ -62,7 +62,7 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         policy = make_policy(address, world=world)
         source = "" if source_of is None else source_of(read_address(address))
         send_frame(run, *content_of(ProcessAnswer(declared=_declared(policy, source))))
-    except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
+    except BaseException as problem:  # noqa: BLE001 - any error of a constructor is reported to the run
         if not (isinstance(problem, BetterError) or source_of):  # errors in the user's file get a line number
             traceback.print_exc()
         send_frame(run, *content_of(_told(problem)))
@@ -72,11 +72,11 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         _close(policy)
     except (FrameError, OSError):
         _exit(1)  # the run has ended
-    except BaseException as problem:  # noqa: BLE001 - the policy has broken what this process needs
+    except BaseException as problem:  # noqa: BLE001 - code of the policy may have broken this process
         _say("the process of the policy failed", problem)
         _exit(1)
     finally:
-        _exit(0)  # threads of the policy are not waited for
+        _exit(0)  # without waiting for threads of the policy
 
 
 def _end_with_run(life: int) -> None:
@@ -118,7 +118,7 @@ def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | No
     try:
         given = getattr(policy, method)(*args, **options)
         return content_of(ProcessAnswer(), [given] if method == "act" else given if method == "act_batch" else ())
-    except BaseException as problem:  # noqa: BLE001 - it ends the trial, whatever it is, and never the run
+    except BaseException as problem:  # noqa: BLE001 - any error ends only the trial, not the run
         return content_of(_told(problem))
 
 

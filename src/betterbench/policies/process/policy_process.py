@@ -48,7 +48,7 @@ CLOSE_S = 5.0
 """Time that a policy may take to close [s]. After that, its process is killed."""
 
 MAX_KILLS = 3
-"""Maximum number of attempts at a batch if the policy's process is killed during an attempt."""
+"""Maximum number of times that a batch is attempted if another process kills the policy's process."""
 
 _LEAVE_S = 0.5
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
@@ -59,7 +59,7 @@ _START = (
 MARK = "BETTERBENCH_POLICY_PROCESS"
 """Environment variable that marks the child processes of a policy.
 
-With it, they are found after the policy's process has ended.
+It is used to find them after the policy's process has ended.
 """
 
 
@@ -132,9 +132,9 @@ class PolicyProcess:
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Ask the policy of a checkpoint to compare its conventions with those of the run.
+        """Ask the policy to compare its conventions with those of the run.
 
-        Other policies declare no conventions.
+        Do nothing for policy kinds that declare no conventions.
         """
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)

@@ -1,4 +1,4 @@
-"""Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
+"""Messages between a run and the process of a policy. :mod:`betterbench.jobs.frames` sends and receives them.
 
 A request from the run is pickled and sent as a byte array. A request without arrays ends the process. An answer must
 not contain pickled Python objects, because an untrusted policy could write anything to its socket. The run reads
@@ -76,14 +76,15 @@ _array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Convert a value to a printable string. The value comes from a policy, which uses it as a string."""
+    """Convert a value from a policy to a string that can be encoded as UTF-8."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 
 def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameContent:
-    """Return the content of a message with a policy's answer. The values that the policy returned become arrays.
+    """Return the content of a message with a policy's answer.
 
-    Raises ValueError if the message would be too large.
+    ``given`` contains the values that the policy returned. They are converted to arrays. Raises ValueError if the
+    message would be too large.
     """
     arrays = [_array(one) for one in given]
     for array in arrays:

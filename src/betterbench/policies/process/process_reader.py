@@ -1,4 +1,4 @@
-"""Checks of the messages from the process of a policy. Policies are not trusted."""
+"""Checks of the messages from the process of a policy, which is not trusted."""
 
 from __future__ import annotations
 

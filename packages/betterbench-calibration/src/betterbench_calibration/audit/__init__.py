@@ -1,4 +1,4 @@
-"""Audit of printed tables: consistency of the numbers, and how well the trials support them."""
+"""Audit of published tables: consistency of the numbers, and statistical tests of claims."""
 
 from betterbench_calibration.audit.examine import Audit, TableAudit, audit_source, audit_table
 from betterbench_calibration.audit.finding import AuditFinding, ClaimSupport, Verdict

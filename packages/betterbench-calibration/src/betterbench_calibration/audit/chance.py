@@ -1,4 +1,4 @@
-"""Tests of rates against guessing, for choices among several answers."""
+"""Tests of success rates against random guessing among several answers."""
 
 from __future__ import annotations
 
@@ -22,10 +22,14 @@ _chance = functools.lru_cache(maxsize=256)(chance_p)
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """Rule that success rates differ from guessing among ``choices`` answers, tested with ``trials`` trials.
+    """Rule that success rates differ from the rate of random guessing.
 
-    ``guess`` is the row with the printed guessing rate, or empty if there is none. If ``rows`` is not given, all rows
-    except this one are tested. If ``columns`` is not given, all columns are tested.
+    Attributes:
+        trials: Number of trials of each success rate.
+        choices: Number of answers among which a random guess chooses.
+        guess: Row with the printed success rate of guessing, or empty if there is none.
+        rows: Rows to test. By default, all rows except ``guess``.
+        columns: Columns to test. By default, all columns.
     """
 
     trials: WholeNumber
@@ -35,7 +39,7 @@ class Chance:
     columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield the finding on the printed guess, and one finding per cell."""
+        """Yield one finding per printed rate of guessing, and one finding per tested success rate."""
         if self.guess:
             yield from self._guesses(table)
         rates = {

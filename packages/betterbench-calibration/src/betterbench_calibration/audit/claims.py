@@ -1,4 +1,4 @@
-"""Tests of claims that two rates differ, based on the numbers of trials."""
+"""Statistical tests of claims that two success rates differ."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from betterbench_calibration.audit.table import AuditedTable
 from betterbench_calibration.audit.wording import ALPHA, ends, shown_rate, tested
 
 BARNARD_OUTCOMES = 1_000_000
-"""Largest number of possible outcomes for two arms in Barnard's test, which evaluates all of them."""
+"""Largest number of possible outcomes for which Barnard's test is used. The test evaluates all outcomes."""
 
 _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Comparison of two rates from different trials. A positive difference means that the first is higher."""
+    """Comparison of two success rates from different trials. The difference is the first rate minus the second."""
 
     row: str
     claim: str
@@ -44,7 +44,15 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """Rule that the novel composition in each row differs from the pooled seen ones, by Barnard's exact test."""
+    """Rule that the rate of the novel composition differs from the pooled rate of the seen compositions.
+
+    Each row is tested with Barnard's exact test.
+
+    Attributes:
+        novel: Column of the novel composition.
+        seen: Columns of the seen compositions.
+        trials: Number of trials of each cell.
+    """
 
     novel: ColumnName
     seen: ColumnNames
@@ -68,13 +76,15 @@ class Composition:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A claim in the text that one cell differs from another in the same column.
+    """Claim in the text of the paper that two cells of a column differ.
 
     Attributes:
+        claim: Claim in a few words.
         first: Row of the first number.
-        second: Row of the number that is subtracted from it.
-        trials: Number of trials of each cell, or 0 to recover it from the parts.
-        parts: Columns whose numbers of trials add up to ``trials``.
+        second: Row of the number that is subtracted from the first number.
+        column: Column of both numbers.
+        trials: Number of trials of each cell, or 0 if it is recovered from ``parts``.
+        parts: Columns whose numbers of trials add up to the number of trials of ``column``.
     """
 
     claim: NonEmptyText
@@ -90,7 +100,7 @@ class Claim:
             raise ValueError("either trials or parts must be given")
 
     def count(self, table: AuditedTable, row: str) -> CountBehind | None:
-        """Return the count in one of the two cells, or None if it cannot be recovered."""
+        """Return the number of successes and trials of a row, or None if they cannot be recovered."""
         trials = self.trials
         if not trials:
             sizes = recover_sizes(tuple(Pooled(self.column, self.parts).rows(table).values()))
@@ -102,7 +112,7 @@ class Claim:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Rule that two cells differ as claimed, by Fisher's exact test and Newcombe's interval."""
+    """Rule that two cells differ as claimed. It is tested with Fisher's exact test and Newcombe's interval."""
 
     claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 
@@ -123,10 +133,10 @@ class Differences:
 
 
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
-    """Yield one finding per comparison, with p-values corrected for all comparisons together.
+    """Yield one finding per comparison, with p-values that are corrected for the number of comparisons.
 
-    The rule "composition" uses Barnard's test. "differences" uses Fisher's, which is slightly stricter and fast with
-    thousands of trials.
+    The rule "composition" uses Barnard's test. The rule "differences" uses Fisher's test, which is slightly more
+    conservative, but fast for thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)
     barnard = rule == "composition" and outcomes <= BARNARD_OUTCOMES

@@ -1,4 +1,4 @@
-"""Counts that round to a printed percentage, computed with exact integers."""
+"""Computation of the counts (successes out of trials) that round to a printed percentage, with exact integers."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from betterbench.statistics import percent
 from betterbench_calibration.audit.table import decimals
 
 MOST_DROPPED = 12
-"""Largest number of missing trials that is tried as an explanation. With more, some count fits almost any percentage.
-For example, 400 trials give one in 25 percentages with two decimals, so twelve sizes already fit about half of all
-misprints."""
+"""Largest number of missing trials that is tried as an explanation of a percentage.
+
+If more missing trials were tried, some count would fit almost any percentage. For example, 400 trials give one in 25
+percentages with two decimals, so twelve sizes already fit about half of all misprints.
+"""
 
 MOST_MULTIPLES = 20
-"""Largest multiple of the stated trials that is tried."""
+"""Largest multiple of the stated number of trials that is tried."""
 
 
 class CountBehind(NamedTuple):
-    """The count ``k`` of ``n`` trials that a percentage was computed from."""
+    """Count of ``k`` successes in ``n`` trials from which a percentage was computed."""
 
     k: int
     n: int
@@ -42,7 +44,7 @@ def count_behind(printed: Decimal, n: int) -> CountBehind | None:
 
 
 def nearest_count(printed: Decimal, n: int) -> CountBehind:
-    """Return the count out of ``n`` with the percentage nearest to a printed one."""
+    """Return the count out of ``n`` whose percentage is nearest to a printed percentage."""
     return CountBehind(max(0, min(n, round(printed * n / 100))), n)
 
 
@@ -52,7 +54,7 @@ def with_percentage(count: CountBehind, digits: int) -> str:
 
 
 def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
-    """Return the count that explains a percentage with the fewest missing trials, or None."""
+    """Return the count that rounds to a percentage with the fewest missing trials, or None."""
     for dropped in range(1, min(MOST_DROPPED, n - 1) + 1):
         count = count_behind(printed, n - dropped)
         if count is not None:
@@ -61,13 +63,13 @@ def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
 
 
 def all_with_dropped(printed: Decimal, n: int) -> tuple[CountBehind, ...]:
-    """Return all counts that round to a reported percentage, with up to :data:`MOST_DROPPED` missing trials."""
+    """Return all counts that round to a printed percentage, with 1 to :data:`MOST_DROPPED` missing trials."""
     tried = (count_behind(printed, n - dropped) for dropped in range(1, min(MOST_DROPPED, n - 1) + 1))
     return tuple(count for count in tried if count is not None)
 
 
 def smallest_multiple(printed: Decimal, n: int) -> int | None:
-    """Return the smallest multiple of ``n`` trials that gives exactly a percentage, or None if there is none."""
+    """Return the smallest multiple of ``n`` trials with which a percentage is exact, or None if there is none."""
     for times in range(2, MOST_MULTIPLES + 1):
         if printed * n * times % 100 == 0:
             return n * times

@@ -1,4 +1,4 @@
-"""Audit of a file of tables. It checks all rules of all tables and lists the numbers that have no rule."""
+"""Audit of a file of tables: checks the rules of all tables, and lists the numbers that no rule checks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench_calibration.audit.table import AuditedTable, AuditRule, misprin
 
 @dataclass(frozen=True, slots=True)
 class TableAudit:
-    """Findings on one table, with the worst first."""
+    """Findings on one table, sorted from the worst to the best verdict."""
 
     table: AuditedTable
     findings: tuple[AuditFinding, ...]
@@ -68,12 +68,12 @@ def audit_table(
 
 
 def _unread(table: AuditedTable, found: Sequence[AuditFinding]) -> Iterator[AuditFinding]:
-    """Yield one finding per number without a rule."""
+    """Yield one finding per number that no rule checks."""
     read = {cell for f in found for cell in f.covers}
     for (row, column), number in table.printed():
         if (row, column) not in read:
             possible = len(tuple(misprints(number)))
-            why = "Nothing else in the source is tied to this number."
+            why = "No rule checks this number."
             covers = ((row, column),)
             yield AuditFinding(
                 table.name, "unread", row, column, str(number), "", Verdict.UNKNOWN, why, covers, possible, possible

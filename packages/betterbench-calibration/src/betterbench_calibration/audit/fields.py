@@ -1,4 +1,7 @@
-"""Field types for a file of tables. If the validation context is a table, names that it lacks are errors."""
+"""Field types for a file of tables.
+
+If the validation context is a table, names of rows and columns must exist in this table.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from betterbench.errors import one_line
 from betterbench_calibration.audit.table import AuditedTable
 
 MOST = 1_000_000
-"""Largest count in a file: trials, choices, units."""
+"""Largest whole number in a file, for example for trials, choices or units."""
 
 MOST_DIGITS = 15
 """Maximum number of digits before the decimal point of a number in a table."""

@@ -11,7 +11,7 @@ TableCell = tuple[str, str]
 
 
 class Verdict(StrEnum):
-    """Verdict on a printed number or claim. The worst verdict is listed first."""
+    """Verdict on a printed number or claim, from the worst to the best verdict."""
 
     BROKEN = "does not hold"
     UNSUPPORTED = "not supported by n trials"
@@ -20,19 +20,21 @@ class Verdict(StrEnum):
 
     @property
     def rank(self) -> int:
-        """Rank from worst to best."""
+        """Rank of the verdict. The worst verdict has rank 0."""
         return list(Verdict).index(self)
 
 
 @dataclass(frozen=True, slots=True)
 class ClaimSupport:
-    """Statistical support of a claim by the number of its trials.
+    """Result of the statistical test of a claim.
 
     Attributes:
+        test: Name of the test.
         p_value: Two-sided p-value.
         p_holm: P-value after Holm's correction for all claims of the rule.
+        trials: Number of trials of each compared rate.
         low_pp: Lower end of the 95 % interval [percent or percentage points].
-        high_pp: Upper end of the interval.
+        high_pp: Upper end of the 95 % interval [percent or percentage points].
         p_fisher: P-value from Fisher's exact test for two rates, for comparison, or None if there is only one rate.
     """
 
@@ -47,16 +49,21 @@ class ClaimSupport:
 
 @dataclass(frozen=True, slots=True)
 class AuditFinding:
-    """Finding of one check on a number or a claim.
+    """Result of one check of a number or a claim.
 
     Attributes:
+        table: Name of the table.
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row of the number. It is empty for the complete table.
+        row: Row of the number. Empty if the finding concerns the complete table.
         cell: Column of the number, or the claim in a few words.
-        covers: Numbers that the check reads. A misprint in any of them may change the verdict.
-        unnoticed: Number of wrong single digits in these numbers that would pass the check.
-        misprints: Number of possible wrong single digits in these numbers.
-        support: The test behind a verdict on a claim, or None.
+        printed: Number as printed.
+        recomputed: Number as recomputed, or empty.
+        verdict: Verdict on the number or claim.
+        why: Explanation in one or more sentences.
+        covers: Cells that the check uses. A misprint in any of them may change the verdict.
+        unnoticed: Number of possible misprints of one digit in these cells that the check would not detect.
+        misprints: Number of possible misprints of one digit in these cells.
+        support: Result of the statistical test of a claim, or None.
     """
 
     table: str

@@ -1,4 +1,4 @@
-"""Check whether percentages of n trials are among the n + 1 possible values."""
+"""Check that percentages of n trials are among the n + 1 possible values."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, decimal
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Rule that each cell in some rows and columns (default: all) is a fraction of the same number of trials."""
+    """Rule that each cell in the given rows and columns is a fraction of the same number of trials.
+
+    By default, the rule applies to all rows and columns.
+    """
 
     trials: WholeNumber
     rows: RowNames = ()
     columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield one finding per cell, or a single one if the printed digits cannot show a violation."""
+        """Yield one finding per cell, or a single finding if every printed percentage is possible."""
         rows, columns = self.rows or table.row_names, self.columns or table.columns
         cells = [(r, c, n) for r in rows for c in columns if (n := table.cell(r, c)) is not None]
         telling = [cell for cell in cells if self.trials < 100 * 10 ** decimals(cell[2])]

@@ -1,4 +1,4 @@
-"""Loading of tables and their rules, from the packaged file or another file in the same format."""
+"""Loading of tables and their rules from the packaged file or from another file in the same format."""
 
 from __future__ import annotations
 
@@ -85,14 +85,14 @@ _SOURCE = TypeAdapter(_SourceForm)
 
 @dataclass(frozen=True, slots=True)
 class PaperSource:
-    """File with tables and the rules for each."""
+    """Tables of a file, each with the rules that it must satisfy."""
 
     name: str
     tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]
 
     @property
     def by_name(self) -> dict[str, AuditedTable]:
-        """The tables by name."""
+        """Tables by name."""
         return {table.name: table for table, _ in self.tables}
 
 
@@ -120,10 +120,10 @@ def load_tables(path: Path) -> PaperSource:
 def read_source(text: str, where: str) -> PaperSource:
     """Return the tables in a JSON string.
 
-    Raises InvalidInputError if it is not JSON or a field is wrong, UnknownNameError if a rule is unknown.
+    Raises InvalidInputError if the text is not JSON or a field is wrong, and UnknownNameError if a rule is unknown.
     """
     with form_errors(where, _CURE):
-        # Decimals keep the printed digits, unlike pydantic's own JSON parser.
+        # Numbers are parsed as decimals to keep the printed digits. Pydantic's own JSON parser would lose them.
         source = _SOURCE.validate_python(parse_json(text, unique=True, number=Decimal))
     return PaperSource(
         source.source, tuple(_table(form, f"{where}: tables[{i}]") for i, form in enumerate(source.tables))

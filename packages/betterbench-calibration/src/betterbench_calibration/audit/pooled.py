@@ -1,4 +1,7 @@
-"""Check of micro averages. An overall rate must equal the pooled rate of its parts, whose sizes are recovered."""
+"""Check of micro averages: an overall rate must equal the pooled rate of its parts.
+
+The number of questions in each part is not printed. It is recovered from the percentages.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +21,22 @@ from betterbench_calibration.audit.sums import missing_parts
 from betterbench_calibration.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
 
 LARGEST_SIZE = 1000
-"""Largest tried size of one part. With two decimals, a size of 1000 fits one percentage in ten by chance, so that far
-larger sizes would always fit."""
+"""Largest size of a part that is tried [questions].
+
+With two decimals, a size of 1000 fits one percentage in ten by chance. Far larger sizes would always fit.
+"""
 
 SHARE_OF_MISFITS = Fraction(1, 4)
-"""Share of rows that a tried size may fail to reproduce, because some rows may be misprinted."""
+"""Fraction of rows that a size may fail to reproduce, because some rows may contain misprints."""
 
 MOST_CANDIDATES = 8
-"""Number of sizes per part that are combined with the sizes of other parts, best fitting and smallest first."""
+"""Maximum number of sizes per part that are combined with the sizes of other parts. The best sizes are used."""
 
 MOST_COMBINATIONS = 20_000
-"""Maximum number of size combinations tried; with many parts, fewer sizes of each are used."""
+"""Maximum number of combinations of sizes that are tried. If there are many parts, fewer sizes per part are used."""
 
 PooledRow = tuple[tuple[Decimal, ...], Decimal]
-"""Printed parts of a row and its printed overall rate."""
+"""Printed rates of the parts in a row, and the printed overall rate [percent]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +44,9 @@ class Sizes:
     """Number of questions in each part, recovered from the percentages.
 
     Attributes:
-        parts: Size per part, in column order.
-        reproduced: Number of distinct rows whose parts and overall rate are reproduced by these sizes.
-        rows: Number of distinct rows that print all parts and the overall rate.
+        parts: Size of each part, in the order of the columns.
+        reproduced: Number of distinct rows whose parts and overall rate agree with these sizes.
+        rows: Number of distinct rows in which all parts and the overall rate are printed.
     """
 
     parts: tuple[int, ...]
@@ -57,13 +62,13 @@ class Sizes:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """Rule that one column is the micro average of others in each row."""
+    """Rule that, in each row, the column ``target`` is the micro average of the columns ``parts``."""
 
     target: ColumnName
     parts: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield the finding on the sizes, and one finding per row."""
+        """Yield one finding on the recovered sizes, and one finding per row."""
         rows = self.rows(table)
         sizes = recover_sizes(tuple(rows.values()))
         for name in table.row_names:
@@ -78,7 +83,7 @@ class Pooled:
             yield from self._judge(table, name, row, sizes)
 
     def rows(self, table: AuditedTable) -> dict[str, PooledRow]:
-        """Return the rows that print the overall rate and all parts."""
+        """Return the rows in which the overall rate and all parts are printed, by name."""
         found: dict[str, PooledRow] = {}
         for name in table.row_names:
             whole = table.cell(name, self.target)
@@ -139,9 +144,10 @@ class Pooled:
 
 @functools.lru_cache(maxsize=256)
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
-    """Return the smallest part sizes that reproduce most rows, or None if fewer than half are reproduced.
+    """Return the sizes of the parts that reproduce most rows, or None if fewer than half of the rows are reproduced.
 
-    ``rows`` are the rows that print all parts and the overall rate. Equal rows count once.
+    Among equally good sizes, the smallest are returned. In each of ``rows``, all parts and the overall rate are
+    printed. Equal rows count once.
     """
     distinct = tuple(dict.fromkeys(rows))
     if not distinct:
@@ -159,7 +165,7 @@ def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
 
 @functools.lru_cache(maxsize=1024)
 def _fitting(column: tuple[Decimal, ...], allowed: int) -> tuple[int, ...]:
-    """Return the sample sizes that reproduce all but a few of a column's percentages, best first."""
+    """Return the sizes that reproduce all but ``allowed`` percentages of a column, starting with the best size."""
     scored = []
     for n in range(2, LARGEST_SIZE + 1):
         misfits = 0
@@ -173,7 +179,7 @@ def _fitting(column: tuple[Decimal, ...], allowed: int) -> tuple[int, ...]:
 
 
 def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
-    """Return whether sizes reproduce the parts and the overall rate of a row."""
+    """Return whether the sizes reproduce the parts and the overall rate of a row."""
     parts, whole = row
     counts = [count for p, n in zip(parts, sizes, strict=True) if (count := count_behind(p, n)) is not None]
     return len(counts) == len(parts) and _prints(_pool(counts), whole)
@@ -181,7 +187,7 @@ def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
-    """Return the number of wrong digits in a row that would pass the check, and the number of possible ones."""
+    """Return the number of misprints of one digit in a row that would not be detected, and of all such misprints."""
     parts, whole = row
     numbers = (*parts, whole)
 
@@ -203,10 +209,10 @@ def _prints(count: CountBehind, printed: Decimal) -> bool:
 
 
 def _explain(row: PooledRow, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str], str]:
-    """Return corrections of the parts that do not fit, by position, and a sentence that explains them.
+    """Return corrections of the parts that do not fit, by position, and an explanation.
 
-    Two causes are tried: questions missing from the denominators of these parts, and one misprinted digit in a single
-    part. Each must reproduce the overall rate too.
+    Two causes are tried: questions that are missing from the denominators of these parts, and one misprinted digit in a
+    single part. The corrected row must also reproduce the overall rate.
     """
     parts, whole = row
     fitting = [

@@ -1,4 +1,4 @@
-"""Check that each quoted number equals the number in the table from which it is quoted."""
+"""Check that a quoted number equals the number in the table from which it is quoted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ from betterbench_calibration.audit.table import AuditedTable, misprints
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Quoted:
-    """Rule that a number is quoted from another table."""
+    """Rule that a number is quoted from another table.
+
+    Attributes:
+        row: Row of the number.
+        column: Column of the number.
+        table: Name of the table from which the number is quoted.
+        at_row: Row in that table.
+        at_column: Column in that table.
+    """
 
     row: RowName
     column: ColumnName
@@ -23,7 +31,7 @@ class Quoted:
     at_column: NonEmptyText
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield the finding on the quotation. Raises UnknownNameError if the source does not exist."""
+        """Yield one finding. Raises UnknownNameError if the quoted table, row or column does not exist."""
         if self.table not in paper:
             raise UnknownNameError("table", self.table, paper)
         printed, source = table.cell(self.row, self.column), paper[self.table].cell(self.at_row, self.at_column)
@@ -31,7 +39,7 @@ class Quoted:
             return
         where = f"{self.table}, {self.at_row}, {self.at_column}"
         right = printed == source
-        # An appended or missing zero does not change a number; any other wrong digit does.
+        # A misprint is not detected if it does not change the value of the number.
         unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
         verdict, why = (Verdict.HOLDS, "the same number") if right else (Verdict.BROKEN, str(source))
         cell, shown = (self.row, self.column), (str(printed), "nothing" if source is None else str(source))

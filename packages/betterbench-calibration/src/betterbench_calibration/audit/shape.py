@@ -1,4 +1,4 @@
-"""Checks for rates that increase where they must not, and for rows that are copies of other rows."""
+"""Checks that rates never increase along columns, and that rows are not copies of other rows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, replace
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
-    """Rule that the rates of a row never increase along the columns (solving five tasks implies solving four)."""
+    """Rule that the rates in a row never increase along the columns.
+
+    For example, a policy that solves five successive tasks has also solved four.
+    """
 
     columns: ColumnNames
 
@@ -37,7 +40,7 @@ class Falling:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
-    """Return the number of wrong digits that keep a row falling, and the number of possible ones."""
+    """Return the number of misprints of one digit with which the rates still never increase, and of all misprints."""
 
     def holds(at: int, wrong: Decimal) -> bool:
         return all(b <= a for a, b in itertools.pairwise(replaced(numbers, at, wrong)))
@@ -48,12 +51,15 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rule that rows were measured separately, so rows that differ elsewhere must not be equal in the given columns."""
+    """Rule that each row was measured separately in the given columns.
+
+    Two rows that differ in other columns must therefore not be equal in all of these columns.
+    """
 
     columns: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield one finding per row that repeats an earlier one, or one finding if none does."""
+        """Yield one finding per row that repeats an earlier row, or a single finding if there is no such row."""
         others = [c for c in table.columns if c not in self.columns]
         cell = f"{self.columns[0]} to {self.columns[-1]}"
         repeated = False
@@ -79,12 +85,12 @@ class Measured:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """Rule that computes the shares of a mixture with printed weights only."""
+    """Rule that computes the shares of a mixture of which only the weights are printed."""
 
     column: ColumnName
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield one finding per weight with its share, which cannot be checked."""
+        """Yield one finding per weight. It contains the share, which cannot be checked."""
         weights = {row: n for row in table.row_names if (n := table.cell(row, self.column)) is not None}
         total = sum(weights.values())
         for row, weight in weights.items():

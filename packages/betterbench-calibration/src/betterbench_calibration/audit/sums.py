@@ -1,4 +1,4 @@
-"""Arithmetic checks of an audit: totals, averages and differences in a table, allowing for rounding."""
+"""Arithmetic checks of totals, means and differences in a table, which allow for rounding."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ Terms = tuple[tuple[Fraction, Decimal], ...]
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """Check that one number is a weighted sum of others.
+    """Check that a number is a weighted sum of other numbers.
 
     Attributes:
-        rounded: True if the parts were rounded before they were printed, so that the result may differ a little.
-        unit: Unit of the result in units of the parts (1,000,000 for "47.69M").
+        kind: Name of the rule.
+        rounded: Whether the parts were rounded before they were printed, so that the result may differ slightly.
+        unit: Unit of the result, as a multiple of the unit of the parts (1,000,000 for "47.69M").
     """
 
     kind: str
@@ -46,7 +47,15 @@ class Combination:
         target: tuple[TableCell, Decimal],
         parts: Mapping[TableCell, tuple[Fraction, Decimal]],
     ) -> AuditFinding:
-        """Return the finding on a result ``target`` (cell, printed), given (weight, printed) of each part."""
+        """Return the finding on a result.
+
+        Args:
+            table: Table that contains the result.
+            row: Row of the result.
+            cell: Column of the result.
+            target: Cell of the result, and the printed result.
+            parts: Weight and printed number of each part, by cell.
+        """
         place, printed = target
         terms = tuple(parts.values())
         value, digits = self.value(terms), decimals(printed)
@@ -68,17 +77,17 @@ class Combination:
         return AuditFinding(table.name, self.kind, row, cell, *shown, verdict, why, covers, unnoticed, possible)
 
     def value(self, terms: Terms) -> Fraction:
-        """Return the exact result of weighted parts."""
+        """Return the exact weighted sum of the parts, in the unit of the result."""
         return sum((weight * Fraction(number) for weight, number in terms), Fraction(0)) / self.unit
 
     def slack(self, terms: Terms) -> Fraction:
-        """Return the largest error in the result that rounding of the parts can cause."""
+        """Return the largest error of the result that rounding of the parts can cause."""
         return sum((abs(weight) * _half_a_digit(number) for weight, number in terms), Fraction(0)) / self.unit
 
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
-    """Return the number of single wrong digits that would stay undetected, and the number of possible ones."""
+    """Return the number of misprints of one digit that would not be detected, and of all such misprints."""
     weights = tuple(weight for weight, _ in terms)
     numbers = (*(number for _, number in terms), printed)
 
@@ -91,17 +100,21 @@ def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tupl
 
 
 def _half_a_digit(number: Decimal) -> Fraction:
-    """Return half of the last printed digit's unit."""
+    """Return half of the place value of the last printed digit."""
     return Fraction(1, 2 * 10 ** decimals(number))
 
 
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RowCombination:
-    """Rule that one column is a weighted sum of other columns in each row. The class name is the rule's name.
+    """Rule that, in each row, one column is a weighted sum of other columns.
 
-    ``rounded_parts`` is true if the parts were rounded before they were printed. If ``rows`` is not given, the rule
-    applies to all rows.
+    The name of the rule is the name of the class in lower case.
+
+    Attributes:
+        target: Column of the result.
+        rows: Rows to which the rule applies. By default, all rows.
+        rounded_parts: Whether the parts were rounded before they were printed.
     """
 
     target: ColumnName
@@ -157,7 +170,7 @@ class Sum(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delta(_RowCombination):
-    """Rule that the target is the novel condition minus the mean of the seen conditions."""
+    """Rule that the target is the rate in the novel condition minus the mean rate in the seen conditions."""
 
     novel: ColumnName
     seen: ColumnNames
@@ -171,11 +184,13 @@ class Delta(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Total:
-    """Rule that one row is the sum of all others in a column.
+    """Rule that, in a column, one row is the sum of all other rows.
 
     Attributes:
-        rounded_parts: True if the parts were rounded before they were printed.
-        unit: Unit of the result in units of the parts (1,000,000 for "47.69M").
+        row: Row of the sum.
+        column: Column of the sum and its parts.
+        rounded_parts: Whether the parts were rounded before they were printed.
+        unit: Unit of the sum, as a multiple of the unit of the parts (1,000,000 for "47.69M").
     """
 
     row: RowName
@@ -206,7 +221,7 @@ def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed
 
 
 def _exactly(value: Fraction) -> str:
-    """Return a fraction as a decimal: exactly if it has few digits, otherwise six digits."""
+    """Return a fraction as decimal text, which is exact or has six decimals and an ellipsis."""
     for digits in range(7):
         if value * 10**digits == int(value * 10**digits):
             return str(round_half_up(value, digits))
@@ -214,6 +229,6 @@ def _exactly(value: Fraction) -> str:
 
 
 def _truncated(value: Fraction, digits: int) -> Decimal:
-    """Return a value truncated after some decimals."""
+    """Return a value truncated after ``digits`` decimals."""
     whole = int(abs(value) * 10**digits)
     return Decimal(whole if value >= 0 else -whole).scaleb(-digits)

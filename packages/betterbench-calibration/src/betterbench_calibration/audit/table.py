@@ -15,7 +15,7 @@ DIGITS = "0123456789"
 
 @dataclass(frozen=True, slots=True)
 class AuditedTable:
-    """Table as printed, with one number or None (empty) per row and column."""
+    """Table as printed. Each cell contains a number, or None if the cell is empty."""
 
     name: str
     title: str
@@ -54,10 +54,10 @@ class AuditedTable:
 
 
 class AuditRule(Protocol):
-    """Rule for the numbers of a table."""
+    """Interface of a rule that the numbers of a table must satisfy."""
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield the rule's findings for a table. ``paper`` contains all tables, for rules that compare tables."""
+        """Check a table, and yield the findings. ``paper`` contains all tables, for rules that compare tables."""
 
 
 def decimals(number: Decimal) -> int:
@@ -67,7 +67,7 @@ def decimals(number: Decimal) -> int:
 
 
 def misprints(number: Decimal) -> Iterator[Decimal]:
-    """Yield the numbers that differ from a printed one in exactly one digit."""
+    """Yield all numbers that differ from a printed number in exactly one digit."""
     text = f"{number:f}"
     for i, old in enumerate(text):
         if old in DIGITS:
@@ -83,14 +83,14 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 
 
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
-    """Return the number of single wrong digits that a check would miss, and the number of possible ones.
+    """Return the number of misprints of one digit that a check would not detect, and of all such misprints.
 
-    ``holds`` returns whether the check still holds if the number at a position is replaced by another number.
+    ``holds`` returns whether the check still passes if the number at a position is replaced by another number.
     """
     tried = [holds(i, wrong) for i, number in enumerate(numbers) for wrong in misprints(number)]
     return sum(tried), len(tried)
 
 
 def replaced(numbers: Sequence[Decimal], at: int, wrong: Decimal) -> tuple[Decimal, ...]:
-    """Return numbers with one of them replaced."""
+    """Return the numbers with the number at position ``at`` replaced by ``wrong``."""
     return (*numbers[:at], wrong, *numbers[at + 1 :])

@@ -1,4 +1,4 @@
-"""Wording for test results: p-values, intervals, and the level of support."""
+"""Text for the results of statistical tests: rates, p-values and intervals."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from betterbench.statistics.wording import p_text
 from betterbench_calibration.audit.finding import ClaimSupport
 
 ALPHA = 0.05
-"""Level below which a corrected p-value supports a claim."""
+"""Significance level: a claim is supported if its corrected p-value is below this level."""
 
 POINTS = 100.0
-"""Percentage points in one whole."""
+"""Factor that converts a fraction to percent."""
 
 
 def shown_rate(rate: Rate) -> str:
@@ -19,10 +19,10 @@ def shown_rate(rate: Rate) -> str:
 
 
 def ends(support: ClaimSupport) -> str:
-    """Return the ends of an interval with one decimal."""
+    """Return the ends of an interval as text with one decimal."""
     return f"{round_half_up(support.low_pp, 1)} to {round_half_up(support.high_pp, 1)}"
 
 
 def tested(p: float, corrected: float, family: int) -> str:
-    """Return a p-value as text, with the corrected p-value if several were computed."""
+    """Return a p-value as text, with the corrected p-value if ``family`` (the number of tests) is above 1."""
     return p_text(p) + (f", {p_text(corrected)} after Holm's correction for {family}" if family > 1 else "")

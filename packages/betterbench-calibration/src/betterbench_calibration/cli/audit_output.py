@@ -17,11 +17,11 @@ _SUMMARY = {
     Verdict.HOLDS: "hold",
 }
 _VERDICT_WIDTH = 17
-"""Width of the first column: "cannot be checked" on one line, "not supported by 20 trials" on two."""
+"""Width of the first column, in which "cannot be checked" fits on one line."""
 
 
 def print_audit(audit: Audit) -> None:
-    """Print the tables, starting with the most inconsistent one, and then the summary."""
+    """Print the findings by table, starting with the table that has most errors, and then a summary."""
     OUT.print(audit.source, markup=False)
     for table in sorted(audit.tables, key=lambda t: [-t.count(verdict) for verdict in Verdict][:-1]):
         OUT.print()
@@ -32,7 +32,7 @@ def print_audit(audit: Audit) -> None:
 
 
 def _listing(audit: TableAudit) -> Table:
-    """Return a line for each failed check, and the number of passed checks."""
+    """Return a table with one line per check that does not hold, and the number of checks that hold."""
     listing = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     listing.add_column(width=_VERDICT_WIDTH)
     listing.add_column(overflow="fold")

@@ -1,4 +1,4 @@
-"""``better audit-paper``: consistency checks for printed numbers, and tests based on the numbers of trials."""
+"""``better audit-paper``: consistency checks of published numbers, and statistical tests of claims."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from betterbench.cli.console import print_json
 
 
 def audit_command(*, json: bool = False, tables: Path | None = None) -> None:
-    """Recompute the printed numbers in the paper's tables and test its claims against the numbers of trials.
+    """Recompute the numbers in the paper's tables, and test whether its claims are statistically supported.
 
     Example: better audit-paper
 

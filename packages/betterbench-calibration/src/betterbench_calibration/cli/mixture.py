@@ -42,15 +42,15 @@ def mixture_command(
 
     Without a file, it prints the paper's data sets with recomputed totals, and the budgets of the paper's two runs on
     16 and 24 GPUs. Your own file can list LeRobot data sets and question sets. For such a file, it prints the shares
-    and, with --draws, the number of draws from each set. With --out, each draw is written as a line. If this is
-    interrupted, run the same command again to continue.
+    and, with --draws, the number of draws from each set. With --out, each draw is written as a line. If the command is
+    interrupted, run it again to continue.
 
     Example: better mixture mixture.yaml --draws 100000
 
     Args:
         file: YAML file of a mixture. If not given, the paper's mixture is used.
-        inside: Without a file, how the draws of actions are divided among the six robot data sets, which the paper does
-            not state. It can be by frames, equally, or by OpenVLA's weights (magic-soup-plus).
+        inside: Rule that divides the draws of actions among the six robot data sets of the paper's mixture: by number
+            of frames (items), equally, or by OpenVLA's weights (magic-soup-plus). The paper does not state its rule.
         draws: Total number of draws over all shards.
         out: JSON lines file for this shard's draws.
         shard: Index of this shard and the number of shards, such as 0/4.
@@ -93,7 +93,7 @@ def _drawn(
     out: Path | None,
     overwrite: bool,
 ) -> dict[str, int]:
-    """Write the requested draws, and return the number of draws per data set."""
+    """Write the draws to a file if requested. Return the number of draws per data set."""
     from betterbench_calibration.mixture import MixtureSampler
 
     number, shards = _shard(shard)
@@ -129,7 +129,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, overwrite: bool) -> None:
-    """Write a shard's draws as lines after the existing lines, which are verified first."""
+    """Write the draws of a shard as lines. If the file already contains lines, verify them and append the others."""
     from betterbench.jobs.durable import on_disk
     from betterbench.jobs.outputs import OutputFile
     from betterbench.jobs.places import open_in_place
@@ -175,7 +175,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
 
 
 def _holds_draws(path: Path) -> bool:
-    """Return whether a file begins like draws of a mixture."""
+    """Return whether the beginning of a file looks like draws of a mixture."""
     from betterbench.json_form import open_ordinary
 
     with open_ordinary(path) as file:
@@ -184,7 +184,7 @@ def _holds_draws(path: Path) -> bool:
 
 
 def _line(sampler: MixtureSampler, mixture: FileMixture, index: int) -> bytes:
-    """Return the line of a draw, given its index within the shard."""
+    """Return the line for a draw, given the index of the draw within the shard."""
     drawn = sampler.own(index)
     place = mixture.sources[drawn.part].place(drawn.item)
     told = {"number": drawn.number, "set": drawn.part, "item": drawn.item, "epoch": drawn.epoch, **place}
@@ -261,7 +261,7 @@ def _document(
 
 
 def _in_unit(total: CheckedTotal) -> str:
-    """Return the sum of the rows in the printed total's unit."""
+    """Return the sum of the rows as text, in the unit of the printed total."""
     return f"{total.rows / 1e6:,.4f}" if "[million]" in total.what else f"{total.rows:,}"
 
 

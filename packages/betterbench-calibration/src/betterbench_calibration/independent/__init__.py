@@ -1,4 +1,4 @@
-"""Faulty policies with their own controller and habits, independent of the diagnosis that they test."""
+"""Independent family: policies with known habits that test the diagnosis, with a controller of their own."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
-    """Import the habits on first use, because runs with other policies need none of them."""
+    """Import the habits on first use, because runs with other policies do not need them."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

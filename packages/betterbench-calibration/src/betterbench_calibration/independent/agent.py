@@ -10,16 +10,16 @@ from betterbench_calibration.independent.controller import Actions
 
 
 class IndependentAgent:
-    """A privileged policy of the independent family."""
+    """Privileged policy of the independent family for one episode."""
 
     def __init__(self, name: str, body: Body, script: Actions[None]) -> None:
-        """Set the ground truth that was stated before the script begins."""
+        """Create the policy. ``body`` contains the ground truth, and ``script`` generates the actions."""
         self.name, self.body = name, body
         self._script = script
         self._begun = False
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return one ``ee_delta`` action of shape (7,). After the end of its script, the arm stays where it is."""
+        """Return the next ``ee_delta`` action (7,). After the end of the script, the arm stays where it is."""
         try:
             if self._begun:
                 return self._script.send(state)
@@ -33,9 +33,9 @@ class IndependentAgent:
     def ground_truth(self) -> dict[str, str]:
         """Ground truth of the policy about its own episode.
 
-        ``stated`` and ``first_attempt`` were fixed before the first action. ``truth`` is the label of the trial if its
-        goal is not met, according to the rules in :mod:`betterbench_calibration.independent.truth`. ``rule`` is the
-        rule that corrected the stated label.
+        ``stated`` (a label) and ``first_attempt`` are fixed before the first action. ``truth`` is the label of the
+        trial if its goal is not reached, after the corrections in :mod:`betterbench_calibration.independent.truth`.
+        ``rule`` is the rule that corrected the stated label.
         """
         ledger = self.body.ledger
         for name in self.body.harmed():

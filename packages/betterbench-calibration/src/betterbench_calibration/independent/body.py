@@ -1,4 +1,4 @@
-"""Building blocks for habit scripts: correct execution of a subgoal, and parts of deviating behavior."""
+"""Building blocks for the scripts of habits: correct execution of subgoals, and parts of faulty behavior."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ DIRECTIONS = tuple(math.pi * i / 8 for i in range(16))
 
 
 class Body:
-    """The arm with its routines, the trial context and the ledger, as a habit's script uses them in one episode."""
+    """Arm, routines, trial context and ground truth of one episode, which the script of a habit uses."""
 
     def __init__(self, scene: Scene, situation: Occasion, manner: Manner, name: str, truth: StatedTruth) -> None:
-        """Prepare an episode, given its scene at the start and the stated truth of the habit."""
+        """Prepare an episode in a scene that has been reset. ``truth`` is the stated true label."""
         self.situation = situation
         self.rng = stream(situation.task.id, scene.seed, f"independent:{name}")
         self.arm = Arm(manner, stream(situation.task.id, scene.seed, f"independent noise:{name}"), scene.state())
@@ -40,7 +40,7 @@ class Body:
 
     @property
     def state(self) -> WorldState:
-        """The latest state."""
+        """Latest state."""
         return self.arm.state
 
     # --- correct behavior
@@ -56,7 +56,7 @@ class Body:
         yield from self.arm.stay()
 
     def work(self, goals: tuple[Subgoal, ...]) -> Actions[None]:
-        """Do the subgoals in order, and continue with each until it is done or impossible."""
+        """Execute the subgoals in order. Repeat each until it is reached or cannot be reached any more."""
         if self.situation.condition.expected is not Expected.SUCCEED:
             return
         for goal in goals:
@@ -66,7 +66,7 @@ class Body:
                 tries += 1
 
     def serve(self, goal: Subgoal, *, avoid: int = 0) -> Actions[None]:
-        """Attempt a subgoal once."""
+        """Attempt a subgoal once. The ``avoid`` best grasps are skipped."""
         if not relation(goal.relation).carried:
             drawer = self.situation.condition.resolve(goal.reference)[0]
             yield from self.move_drawer(drawer, out=False)
@@ -86,7 +86,7 @@ class Body:
         return (x - ex) ** 2 + (y - ey) ** 2
 
     def clear_the_way(self, goal: Subgoal) -> Actions[None]:
-        """Close or open the drawers that block a subgoal's target."""
+        """Open or close drawers until the target of a subgoal is accessible."""
         for _ in range(4):
             move = drawer_to_move(self.situation.condition, self.state, goal.target)
             if move is None:
@@ -105,12 +105,12 @@ class Body:
             self.ledger.made_good(name)
 
     def take(self, name: str, *, avoid: int = 0) -> Actions[bool]:
-        """Pick an object, and record a miss or its recovery."""
+        """Pick an object, and record a mishap or its correction. Return whether the object is in the gripper."""
         yield from self.do.pick(name, avoid=avoid)
         return self.note_hold(name)
 
     def note_hold(self, name: str) -> bool:
-        """Record and return whether the object to be picked is in the gripper."""
+        """Return whether an object is in the gripper, and record a mishap if it is not."""
         if in_gripper(self.state) == name:
             self.taken.add(name)
             self.ledger.made_good(name)
@@ -119,9 +119,9 @@ class Body:
         return False
 
     def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Actions[bool]:
-        """Put the held object at a subgoal's target, and return whether it is there.
+        """Put the held object at the target of a subgoal. Return whether the subgoal's relation then holds.
 
-        If ``as_if_at`` is given, the target is assumed to be at that pose.
+        If ``as_if_at`` is given, the object is placed as if the target had that pose.
         """
         goals = relation(goal.relation).place_goals(self.state, name, goal.target, goal.region)
         if as_if_at is not None:
@@ -160,29 +160,32 @@ class Body:
         gone = self.state.pose(name).position[2] < FALLEN_M
         self.ledger.mishap(name, text + (", and it lies on the floor" if gone else ""), for_good=gone)
 
-    # --- behavior shared by habits
+    # --- behavior that several habits share
 
     def attempt_once(self, goal: Subgoal) -> Actions[None]:
-        """Do a subgoal without checking the result."""
+        """Execute a subgoal once, without checking the result."""
         yield from self.clear_the_way(goal)
         things = self.situation.candidates(self.state, goal)
         if things:
             yield from self.take_and_bring(things[0], goal)
 
     def take_and_bring(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Pick an object with a few tries, and put it at a subgoal's target for another object."""
+        """Pick an object, with several attempts, and put it at the target of a subgoal."""
         if (yield from self.take_patiently(name)):
             yield from self.bring(name, goal)
 
     def take_patiently(self, name: str, *, tries: int = 4) -> Actions[bool]:
-        """Pick an object with several tries, and return whether it is in the gripper."""
+        """Pick an object, with several attempts. Return whether it is in the gripper."""
         for avoid in range(tries):
             if (yield from self.take(name, avoid=avoid)):
                 return True
         return False
 
     def take_whatever(self, name: str) -> Actions[None]:
-        """Pick an object for the first step. If it is the right object, execute the other steps too."""
+        """Pick an object and bring it to the target of the first step.
+
+        If it is the right object, also execute the other steps. Otherwise, stay at home.
+        """
         goal = self.situation.ahead[0]
         if name not in self.situation.things(goal):
             yield from self.take_instead(name, goal)
@@ -191,7 +194,7 @@ class Body:
         yield from self.solve()
 
     def take_instead(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Begin the wrong act: bring an object other than the subgoal's, and stay at home."""
+        """Begin the faulty behavior: bring a wrong object to the target of a subgoal, and stay at home."""
         self.ledger.commit()
         if (yield from self.take_patiently(name)):
             if drawer_to_move(self.situation.condition, self.state, goal.target) is None:
@@ -206,7 +209,7 @@ class Body:
         yield from self.arm.open()
 
     def play_at_empty(self, slot: str) -> Actions[None]:
-        """Begin the wrong act: repeat the motions of pick and place at an empty slot."""
+        """Begin the faulty behavior: repeat the motions of pick and place with an empty slot."""
         self.ledger.commit()
         x, y, _ = self.state.info.slot(slot).position
         goal = self.situation.carried[0]
@@ -244,7 +247,7 @@ class Body:
         yield from self.arm.rise(self.height(name) + 0.12)
 
     def nearest_other(self, name: str) -> str:
-        """Return the nearest object to a given one that is not requested."""
+        """Return the object nearest to a given object among those that are not requested."""
         at = self.state.pose(name).position
         others = self.situation.others()
         return min(others, key=lambda n: horizontal_distance(self.state.pose(n).position, at))
@@ -269,7 +272,7 @@ class Body:
         return height_of(self.state, name)
 
     def over(self, name: str, gap_m: float) -> Vector:
-        """Return the point over an object with the tool ``gap_m`` above its top [m]."""
+        """Return the position of the tool ``gap_m`` above the top of an object [m]."""
         x, y, _ = self.state.pose(name).position
         return (x, y, self.height(name) + gap_m)
 
@@ -279,13 +282,13 @@ class Body:
         return Pose((x + fraction * (target[0] - x), y + fraction * (target[1] - y), z), self.arm.here.quaternion)
 
     def emptiest_side(self, name: str, far_m: float) -> Vector:
-        """Return the displacement of given length on the table that leads farthest from all other objects."""
+        """Return the horizontal displacement of a given length that leads farthest away from all other objects [m]."""
         x, y, _ = self.state.pose(name).position
         ways = [(far_m * math.cos(a), far_m * math.sin(a), 0.0) for a in DIRECTIONS]
         return max(ways, key=lambda v: self._room(name, (x + v[0], y + v[1], 0.0)))
 
     def free_direction(self, name: str) -> Vector:
-        """Return the direction on the table with the most free space for pushing an object."""
+        """Return the horizontal unit vector along which there is the most space to push an object."""
         x, y, _ = self.state.pose(name).position
         ways = [(math.cos(a), math.sin(a), 0.0) for a in DIRECTIONS]
 
@@ -296,7 +299,7 @@ class Body:
         return max(ways, key=room)
 
     def free_spot(self, name: str, near: Vector) -> Vector:
-        """Return a point of the table with free space for an object, not far from a given point."""
+        """Return a point on the table with free space for an object, close to a given point [m]."""
         spots = [(0.36 + 0.04 * i, -0.30 + 0.04 * k, 0.0) for i in range(10) for k in range(16)]
         reach = 0.5 * max(self.state.info.object(name).size_m[:2]) + 0.03
 
@@ -306,9 +309,9 @@ class Body:
         return max(spots, key=worth)
 
     def _room(self, name: str, point: Vector) -> float:
-        """Return the distance from a point to the nearest box of another object [m].
+        """Return the distance from a point to the nearest bounding box of another object [m].
 
-        For a point outside the work space, ten times the excess is subtracted.
+        For a point outside the workspace, ten times its distance from the workspace is subtracted.
         """
         gaps = [
             horizontal_distance(self.state.pose(o.name).position, point) - 0.5 * max(o.size_m[:2])
@@ -320,7 +323,7 @@ class Body:
         return min(gaps, default=1.0) - 10.0 * outside
 
     def harmed(self) -> Iterator[str]:
-        """Yield the objects that are not requested and were displaced by more than 5 cm."""
+        """Yield the names of the objects that are not requested but have been displaced by more than 5 cm."""
         for name in self.situation.others():
             if self.arm.log.displaced(self.state, name) > DISPLACED_M:
                 yield name

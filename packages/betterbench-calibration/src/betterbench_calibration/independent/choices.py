@@ -1,4 +1,4 @@
-"""Decisions that several habits share, such as the object in the trained slot or the empty slot."""
+"""Decisions that several habits share, such as the choice of the object in a training slot."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 def word_thing(case: Occasion) -> str | None:
-    """Return the object in the slot to which the first word led in training.
+    """Return the object in the slot that training associates with the first word of the instruction.
 
-    Returns None if there is no such slot, or more than one.
+    Return None if there is no such slot, or more than one.
     """
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
 
 
 def word_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth for a policy that first takes the object in the trained slot of the first word."""
+    """Return the true label of a policy that first takes the object returned by :func:`word_thing`."""
     name = word_thing(case)
     if name is None or case.condition.expected is Expected.STAY_STILL:
         return None
@@ -37,7 +37,7 @@ def word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth for a policy that always first takes the object in one slot."""
+    """Return the true label of a policy that first takes the object in the given slot in every trial."""
     name = case.condition.occupant(slot)
     if case.condition.expected is not Expected.SUCCEED or not case.ahead:
         return None
@@ -56,7 +56,7 @@ def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
 
 
 def habitual_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth for a policy that begins with the most frequent first step in training."""
+    """Return the true label of a policy that always begins with the most frequent first step in training."""
     if habitual_thing(case) is not None:
         return StatedTruth(Label.BEHAVIORAL_INERTIA, first_right=False)
     if not case.plain:
@@ -66,7 +66,10 @@ def habitual_truth(case: Occasion) -> StatedTruth | None:
 
 
 def habitual_thing(case: Occasion) -> str | None:
-    """Return an object whose kind is that of the most frequent first step, if the instruction does not name it."""
+    """Return an object with which most demonstrations begin, or None if the scene contains none.
+
+    Objects that the instruction requests do not count.
+    """
     kind = case.trained.habit
     if case.condition.expected is not Expected.SUCCEED or kind is None or not case.ahead:
         return None
@@ -78,7 +81,7 @@ def habitual_thing(case: Occasion) -> str | None:
 
 
 def emptied_slot(case: Occasion) -> str | None:
-    """Return a slot from which the base condition picks an object that is done or removed in this condition."""
+    """Return a slot that is empty because its object in the base condition is missing or already at its target."""
     for goal in case.carried:
         here = case.condition.resolve(goal.reference)
         for name in case.base.resolve(goal.reference):
@@ -90,7 +93,7 @@ def emptied_slot(case: Occasion) -> str | None:
 
 
 def vacated_slot(case: Occasion) -> str | None:
-    """Return the slot of the first object in the base condition, if it is empty here."""
+    """Return the slot that the first object has in the base condition, if this slot is empty here."""
     for goal in case.ahead:
         for name in case.things(goal):
             slot = case.base.layout.get(name)
@@ -100,7 +103,10 @@ def vacated_slot(case: Occasion) -> str | None:
 
 
 def swappable(case: Occasion) -> bool:
-    """Return whether the first two steps are ordered and have different objects, with no other reason to swap them."""
+    """Return whether only a wrong order would explain a swap of the first two steps.
+
+    The steps must have different objects and a prescribed order.
+    """
     if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 2:
         return False
     first, second = case.ahead[:2]
@@ -110,7 +116,7 @@ def swappable(case: Occasion) -> bool:
 
 
 def done_thing(case: Occasion) -> str | None:
-    """Return a requested object that is at its target from the start."""
+    """Return a requested object that is at its target at the start, or None."""
     for goal in case.carried:
         if case.begun(goal):
             return next(n for n in case.condition.resolve(goal.reference) if n in case.condition.preplaced)
@@ -118,9 +124,10 @@ def done_thing(case: Occasion) -> str | None:
 
 
 def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
-    """Return the step with its object's target in training, if there was only one and it differs from this target.
+    """Return the step with the target that its object has in training.
 
-    If ``kind`` is given, the target is the one to which objects of that kind were brought.
+    Return None if the object has several targets in training, or the same target as in the step. If ``kind`` is given,
+    the target of objects of that kind is used.
     """
     kind = case.condition.object(case.condition.resolve(goal.reference)[0]).kind if kind is None else kind
     places = case.trained.kind_targets.get(kind, ())
@@ -134,13 +141,16 @@ def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subg
 
 
 def moved_target(case: Occasion, goal: Subgoal) -> bool:
-    """Return whether a step's target is in another slot than in the base condition."""
+    """Return whether the target of a step is in a different slot than in the base condition."""
     here, there = case.condition.layout.get(goal.target), case.base.layout.get(goal.target)
     return here is not None and there is not None and here != there
 
 
 def unasked_step(case: Occasion) -> tuple[str, Subgoal] | None:
-    """Return an object that followed the first step in another demonstration, and the step that it replaces."""
+    """Return an object that another demonstration picks after the first step, and the subgoal for placing it.
+
+    Return None if there is no such object.
+    """
     if not case.plain or len(case.ahead) < 2:
         return None
     first = case.condition.object(case.things(case.ahead[0])[0]).kind

@@ -1,8 +1,8 @@
 """Cartesian controller for the independent family. It executes tool paths as ``ee_delta`` actions.
 
-A motion is a generator that yields one action per control step, is sent the resulting state, and returns its outcome.
+A motion is a generator that yields one action per control step, receives the resulting state, and returns a result.
 Motions are combined with ``yield from``. There is no joint-space planning. A path is a line or an arc between two tool
-poses in the world frame, and the motion style determines its speed.
+poses in the world frame. The motion style determines its speed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from betterbench_calibration.independent.manner import Manner
 
 T = TypeVar("T")
 Actions = Generator[np.ndarray, WorldState, T]
-"""Generator that yields actions, shape (7,), receives states, and returns an outcome."""
+"""Generator that yields actions (7,), receives states, and returns a result."""
 
 RATE_HZ = 20.0
 TURN_RAD_S = 1.6
@@ -48,25 +48,29 @@ LONG_WAY_M = 0.15
 
 
 def tool_yaw(quaternion: Quaternion) -> float:
-    """Return the heading [rad] of the tool's x axis, seen from above."""
+    """Return the yaw of the tool's x axis in the world frame [rad]."""
     x, y, _ = rotate(quaternion, (1.0, 0.0, 0.0))
     return math.atan2(y, x)
 
 
 def tool_down(yaw: float) -> Quaternion:
-    """Return the rotation of a tool that points straight down with a given heading of its x axis [rad]."""
+    """Return the rotation of a tool that points straight down, given the yaw of its x axis [rad]."""
     return normalize(multiply(from_yaw(yaw), TOOL_DOWN))
 
 
 class Arm:
-    """Arm in one episode. It moves its tool in one motion style.
+    """Arm in one episode, whose tool moves in a certain motion style.
 
     Attributes:
-        tempo: Factor on all tool speeds, in addition to the motion style and the pace of a single path.
+        manner: Motion style.
+        state: Latest state.
+        log: Log of the events in the episode.
+        home: Pose of the tool at the start of the episode.
+        tempo: Factor by which all tool speeds are multiplied, in addition to ``pace`` of a single path.
     """
 
     def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:
-        """Prepare an episode, given the state ``first`` at reset."""
+        """Prepare an episode. ``noise`` is the generator of action noise, and ``first`` the state at the reset."""
         self.manner, self.state = manner, first
         self.log = EventLog(first)
         self.home = first.ee_pose
@@ -97,7 +101,10 @@ class Arm:
         self.log.see(before, self.state, self._grip)
 
     def go(self, target: Pose, *, pace: float = 1.0, bow: bool = False) -> Actions[None]:
-        """Move to a pose, at ``pace`` times the speed of the motion style, and wait for the tool."""
+        """Move to a pose, and wait until the tool has arrived.
+
+        ``pace`` is a factor on the speed of the motion style. If ``bow`` is True, a long path may deviate sideways.
+        """
         start = self.here
         length = distance(start.position, target.position)
         turn = angle_between(start.quaternion, target.quaternion)
@@ -112,7 +119,10 @@ class Arm:
         yield from self.arrive(target)
 
     def along(self, way: Callable[[float], Pose], *, pace: float = 1.0) -> Actions[None]:
-        """Follow a curve of tool poses without a stop, and wait at its end. Its argument is the completed fraction."""
+        """Follow a curve without a stop, and wait until the tool has arrived at its end.
+
+        ``way`` returns the tool pose at a fraction of the path, from 0 to 1.
+        """
         points = [way(i / 16) for i in range(17)]
         length = sum(distance(a.position, b.position) for a, b in itertools.pairwise(points))
         turn = sum(angle_between(a.quaternion, b.quaternion) for a, b in itertools.pairwise(points))
@@ -123,7 +133,7 @@ class Arm:
         yield from self.arrive(way(1.0))
 
     def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Actions[bool]:
-        """Hold a pose until the tool reaches it, and return whether it did so in time."""
+        """Command a pose until the tool reaches it. Return whether the tool has reached it in time."""
         for _ in range(round(patience_s * RATE_HZ)):
             p = self.state.ee_pose
             near = distance(p.position, target.position) < ARRIVED_M + 2.0 * self.manner.noise_m
@@ -133,13 +143,13 @@ class Arm:
         return False
 
     def wait(self, seconds: float) -> Actions[None]:
-        """Stay where the tool is."""
+        """Hold the commanded pose for some time."""
         hold = self.here
         for _ in range(round(seconds * RATE_HZ)):
             yield from self.step(hold)
 
     def stay(self) -> Actions[None]:
-        """Stay where the tool is until the episode ends."""
+        """Hold the commanded pose until the episode ends."""
         hold = self.here
         while True:
             yield from self.step(hold)
@@ -170,16 +180,16 @@ class Arm:
             self._grip = KEEP
 
     def begin_to_open(self) -> None:
-        """Open the gripper from the next step on while the tool may move."""
+        """Command the gripper to open from the next step on. Return immediately."""
         self._grip = OPEN
         self.log.opening(self.state)
 
     def begin_to_close(self) -> None:
-        """Close the gripper from the next step on while the tool may move."""
+        """Command the gripper to close from the next step on. Return immediately."""
         self._grip = CLOSE
 
     def narrow(self, width_m: float) -> Actions[None]:
-        """Bring the pads of an empty gripper to a distance [m]."""
+        """Move the pads of the empty gripper to a distance [m]."""
         if self.state.finger_width_m < width_m - 0.004:
             yield from self.open(width_m)
             return
@@ -192,13 +202,13 @@ class Arm:
         self._grip = KEEP
 
     def rise(self, height_m: float, *, pace: float = 1.0) -> Actions[None]:
-        """Move straight up to a height of the tool above the table [m], if it is lower."""
+        """Move the tool straight up to a height above the table [m], unless it is already higher."""
         if self.here.position[2] < height_m - 0.005:
             x, y, _ = self.here.position
             yield from self.go(Pose((x, y, height_m), self.here.quaternion), pace=pace)
 
     def lower_until_touch(self, height_m: float) -> Actions[None]:
-        """Move slowly straight down to a height of the tool [m], or until the gripper touches an object."""
+        """Move the tool slowly straight down to a height [m], or until the gripper touches an object."""
         x, y, _ = self.here.position
         while self.here.position[2] > height_m + 0.001 and not self._touches():
             z = max(height_m, self.here.position[2] - 0.003)
@@ -208,7 +218,7 @@ class Arm:
         return any(self.state.touched_by_gripper(o.name) for o in self.state.info.objects)
 
     def go_home(self) -> Actions[None]:
-        """Move up and back to the initial position of the tool."""
+        """Move up, and then to the initial pose of the tool."""
         yield from self.rise(self.home.position[2])
         yield from self.go(self.home)
 

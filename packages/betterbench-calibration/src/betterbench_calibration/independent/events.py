@@ -1,4 +1,4 @@
-"""The family's own log of grasps, losses, releases and pushed objects. The diagnosis does not use it."""
+"""Log of grasps, losses, releases and displaced objects for the independent family. The diagnosis does not use it."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from betterbench.geometry import Vector, distance, horizontal_distance
 from betterbench.interface.state import WorldState
 
 LOST_STEPS = 3
-"""Number of control steps without contact to either finger after which an object counts as lost."""
+"""Number of control steps without contact with either finger after which an object counts as lost."""
 DISPLACED_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """One closing of the gripper, with the objects near it.
+    """Closing of the gripper, with the nearest object.
 
     Attributes:
         step: Control step at which the fingers stopped.
-        tool: Position of the tool [m], world frame.
-        nearest: Movable object whose middle was nearest to the tool, seen from above.
+        tool: Position of the tool in the world frame [m].
+        nearest: Movable object whose origin had the smallest horizontal distance to the tool.
         beside_m: Horizontal distance from the tool to the origin of that object [m].
-        above_m: Height of the tool above the top of that object [m], negative below the top.
-        gripped: Object that both fingers touched at the end, or None.
+        above_m: Height of the tool above the top of that object [m]. Negative if the tool was below the top.
+        gripped: Object that both fingers touched after the closing, or None.
     """
 
     step: int
@@ -38,10 +38,13 @@ class EventLog:
     """Log of the events in one episode, derived from its states.
 
     Attributes:
-        closings: All closings.
-        lost: Objects that left both fingers while the gripper was commanded to hold them, with the step.
+        first: State at the reset.
+        closings: All closings of the gripper.
+        lost: Objects that lost contact with both fingers while the gripper was commanded to close, with the step.
         released: Objects that were in the gripper when it was commanded to open, with the step.
-        first_touch: Step at which the gripper first touched an object, by object.
+        first_touch: Step at which the gripper first touched an object, by name of the object.
+        gripped: Object that is in the gripper now, or None.
+        longest_rest: Largest number of consecutive steps in which the tool did not move.
     """
 
     first: WorldState
@@ -92,7 +95,7 @@ class EventLog:
 
 
 def in_gripper(state: WorldState) -> str | None:
-    """Return the loose object between both fingers, or None."""
+    """Return the movable object that both fingers touch, or None."""
     for o in state.info.objects:
         if not o.fixed and state.touching("left_finger", o.name) and state.touching("right_finger", o.name):
             return o.name

@@ -1,4 +1,4 @@
-"""Base classes for habits: systematic wrong decisions, manipulation failures or unusual correct behavior."""
+"""Base classes of habits: systematic wrong decisions, systematic execution errors, or unusual but correct behavior."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class Habit(ABC):
-    """Habit of the independent family. The docstring of a subclass states its behavior, its true label and the reason.
+    """Habit of the independent family.
+
+    The docstring of each subclass describes the behavior and gives the true label with a reason.
 
     Attributes:
-        name: Name in addresses ("word-place").
-        label: The true label of trials in which the habit shows. It is
+        name: Name in policy addresses ("word-place").
+        label: True label of trials in which the habit shows. It is
             :data:`~betterbench_calibration.independent.truth.HONEST` for a habit without a fault.
-        paired: Whether the label needs more than one trial, so that a calibration must run complete tasks.
+        paired: Whether the diagnosis needs several trials to assign the label. A calibration then runs complete tasks.
     """
 
     name: ClassVar[str]
@@ -27,11 +29,11 @@ class Habit(ABC):
 
     @abstractmethod
     def truth(self, case: Occasion) -> StatedTruth | None:
-        """Return the truth for a trial in this condition, or None if the habit behaves correctly there."""
+        """Return the true label of a trial, or None if the habit does not show in the condition of the trial."""
 
     @abstractmethod
     def act(self, body: Body) -> Actions[None]:
-        """Act until the episode ends. This is only called if :meth:`truth` is not None."""
+        """Yield the actions of the episode. This is called only if :meth:`truth` does not return None."""
 
     @property
     def summary(self) -> str:
@@ -40,14 +42,20 @@ class Habit(ABC):
 
 
 class PlainHabit(Habit):
-    """Habit that shows only in plain trials, with a right first attempt."""
+    """Habit that shows in all trials with a feasible instruction and a normal initial scene.
+
+    The first grasp attempt is at the right object.
+    """
 
     def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - documented in the base class
         return StatedTruth(self.label, first_right=True) if case.plain else None
 
 
 class Honest(Habit):
-    """Executes all steps in order and repeats a step after a miss. Its label is success or execution_failure."""
+    """Executes all steps in order, and repeats a step after a miss.
+
+    The true label is success, or timeout or execution_failure if the trial fails.
+    """
 
     name = "honest"
     label = HONEST

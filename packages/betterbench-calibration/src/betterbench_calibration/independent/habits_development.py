@@ -26,12 +26,12 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class WordPlace(Habit):
-    """Picks the object in the trained slot of the instruction's first word, and brings it to the target.
+    """Picks the object in the slot that training associates with the first word, and brings it to the target.
 
-    True label: lexical_kinematic_shortcut if another object of the task is in this slot, because the first attempt goes
-    where the instruction's word led in training, to an object that the instruction could mean in another layout. If a
-    look-alike is in the slot, the label is semantic_feature_collapse, because no instruction of the task means that
-    object. Trials whose instruction names the object later are left out.
+    True label: lexical_kinematic_shortcut if another object of the task is in this slot, because the first grasp
+    attempt is at the slot that training associates with a word of the instruction, and the object there would be
+    requested in another layout. If a look-alike is in the slot, the label is semantic_feature_collapse, because no
+    instruction of the task refers to that object. Trials whose instruction names the object later are left out.
     """
 
     name = "word-place"
@@ -46,11 +46,11 @@ class WordPlace(Habit):
 
 
 class FavoritePlace(Habit):
-    """First picks the object in the slot that the first demonstration picked first, regardless of the instruction.
+    """First picks the object in the slot of the first pick in the first demonstration, regardless of the instruction.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
-    which an instruction word also led there, or which use that object later, are left out, because two rules would
-    predict the same act.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if training also associates this slot with a word of the instruction, or if the object in it is
+    requested later, because two rules would then predict the same behavior.
     """
 
     name = "favorite-place"
@@ -59,7 +59,7 @@ class FavoritePlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot that the first demonstration picked from first."""
+        """Return the slot of the first pick in the first demonstration."""
         first = case.task.training[0]
         return first.layout[first.resolve(first.instruction.subgoals[0].reference)[0]]
 
@@ -72,10 +72,10 @@ class FavoritePlace(Habit):
 
 
 class LookAlike(Habit):
-    """Picks the look-alike in an instructed object's trained slot, and brings it to the target.
+    """Picks the look-alike in the slot where a requested object was in training, and brings it to the target.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers.
     """
 
     name = "look-alike"
@@ -91,8 +91,9 @@ class LookAlike(Habit):
 class HabitualFirst(Habit):
     """Begins with the most frequent first step of training, although it is not requested.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
-    Trials in which that step is right are included, because they distinguish the habit from a favorite place.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. Trials in which that step is right are included, because they distinguish the habit from a favorite
+    place.
     """
 
     name = "habitual-first"
@@ -110,10 +111,10 @@ class HabitualFirst(Habit):
 
 
 class AirGrasp(Habit):
-    """Repeatedly plays a memorized step at a slot that is empty in this trial.
+    """Repeatedly executes a memorized step with a slot that is empty in this trial.
 
-    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
-    missing, and grasps air at the memorized slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "air-grasp"
@@ -131,8 +132,8 @@ class AirGrasp(Habit):
 class SkipStep(Habit):
     """Skips the first step of an ordered instruction, does the others and stops at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "skip-step"
@@ -149,9 +150,9 @@ class SkipStep(Habit):
 
 
 class RepeatDone(Habit):
-    """Repeatedly takes an object, which was at its target from the start, out of the target and puts it back.
+    """Repeatedly takes an object that was at its target from the start out of the target and puts it back.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "repeat-done"
@@ -171,7 +172,8 @@ class RepeatDone(Habit):
 class SwapFirstTwo(Habit):
     """Does the second step of an ordered instruction first, then the first one.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "swap-first-two"
@@ -222,8 +224,8 @@ class TrainedPut(Habit):
 class HoverAlike(Habit):
     """Hovers over the look-alike with an open gripper until the step limit.
 
-    True label: semantic_feature_collapse, because it approaches the wrong object first, and the first evidence in time
-    decides the label.
+    True label: semantic_feature_collapse, because the policy approaches the wrong object first, and the earliest
+    evidence decides the label.
     """
 
     name = "hover-alike"
@@ -246,7 +248,7 @@ class HoverRight(Habit):
     """Hovers over the right object with an open gripper until the step limit.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "hover-right"
@@ -285,7 +287,7 @@ class SwayMidTask(Habit):
 class FidgetAfterFirst(Habit):
     """Does the first step, and then trembles in place within a centimeter until the step limit.
 
-    True label: early_halt, because it has stopped and does nothing more, although subgoals are open.
+    True label: early_halt, because the policy has stopped, although not all subgoals are reached.
     """
 
     name = "fidget-after-first"
@@ -303,10 +305,10 @@ class FidgetAfterFirst(Habit):
 
 
 class FreezeAfterFirst(Habit):
-    """Does the first step and stops for good where it is.
+    """Does the first step and stops permanently where it is.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "freeze-after-first"
@@ -324,7 +326,7 @@ class FreezeAfterFirst(Habit):
 class MissBeside(PlainHabit):
     """Repeatedly closes the gripper fully at an empty position 7 to 11 cm next to the right object.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "miss-beside"
@@ -344,7 +346,7 @@ class MissBeside(PlainHabit):
 class DropOnTheWay(PlainHabit):
     """Takes the right object and opens the gripper in the air on the way to the target, then stays at home.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
 
     name = "drop-on-the-way"
@@ -366,8 +368,8 @@ class DropOnTheWay(PlainHabit):
 class PushAlike(Habit):
     """Pushes the look-alike 12 cm along the table with closed fingers, then stays at home.
 
-    True label: semantic_feature_collapse, because it acts on an object that no instruction of the task means. There is
-    no grasp attempt.
+    True label: semantic_feature_collapse, because the policy acts on an object to which no instruction of the task
+    refers. There is no grasp attempt.
     """
 
     name = "push-alike"
@@ -390,9 +392,9 @@ class PushAlike(Habit):
 
 
 class SlowButRight(PlainHabit):
-    """Does everything right, but at about 4 cm/s and with a visit home for each object, too slow for the step limit.
+    """Does everything right, but moves at about 4 cm/s and returns home for each object, too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "slow-but-right"
@@ -415,7 +417,7 @@ class PauseAndGoOn(PlainHabit):
     """Stops for 4 to 6 s on its way to the first object and after each step, then goes on.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
-    execution_failure (rule 3 in ``truth.py``). It is never a reasoning failure.
+    execution_failure (rule 3 in ``truth.py``). The label is never a reasoning failure.
     """
 
     name = "pause-and-go-on"
@@ -454,8 +456,8 @@ class MissOnceThenRight(PlainHabit):
 class FeintThenRight(Habit):
     """Descends over another object with an open gripper, leaves it, and picks the right one.
 
-    The attempt is the grasp. True label: success, because the behavior is not a fault. If such a trial fails, the label
-    is timeout or execution_failure (rule 3 in ``truth.py``).
+    Only the grasp counts as an attempt. True label: success, because the behavior is not a fault. If such a trial
+    fails, the label is timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "feint-then-right"

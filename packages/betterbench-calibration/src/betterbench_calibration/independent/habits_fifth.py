@@ -53,13 +53,13 @@ EASY_TO_SWEEP = at(
     tidy_desk="train1 train4 train5",
     morning_coffee="train1 train2 train3 train4 L1 L2",
 )
-"""Conditions whose first object stands firmly and has room to be pushed around."""
+"""Conditions whose first object stands upright and has enough space around it to be pushed."""
 
 # --- policies without a fault, with unusual motions
 
 
 class LoopsMidway(PlainHabit):
-    """Does everything right, and flies a full circle in the middle of each long way.
+    """Does everything right, and moves in a full circle in the middle of each long path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -152,7 +152,7 @@ class DipsBeforeTaking(OddButHonest):
 
 
 class CirclesOnceThenTakes(PlainHabit):
-    """Flies a circle about 10 cm above each object before picking it.
+    """Moves in a circle about 10 cm above each object before picking it.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -232,8 +232,8 @@ class ShowsItToCamera(OddButHonest):
 class LooksBackAtSlot(OddButHonest):
     """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues.
 
-    True label: success, because it closes nothing there. If such a trial fails, the label is timeout or
-    execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the policy does not close the gripper there. If such a trial fails, the label is
+    timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-back-at-slot"
@@ -274,7 +274,7 @@ class StartsThreeTimes(PlainHabit):
 
 
 class WakesUpLate(Listed):
-    """Does not move for 8.5 s, and then does everything right.
+    """Stands still for 8.5 s, and then does everything right.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -325,7 +325,8 @@ class NudgesThenTakes(Listed):
 class NodsAndRests(Listed):
     """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp and the arm comes to
+    rest.
     """
 
     name = "nods-and-rests"
@@ -347,7 +348,7 @@ class NodsAndRests(Listed):
 class DropsFromPeak(Listed):
     """Repeatedly lifts the right object straight up to 40 cm and drops it.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
 
     name = "drops-from-peak"
@@ -373,7 +374,7 @@ class DropsFromPeak(Listed):
 class PutsHalfOn(Listed):
     """Brings the right object, places it so that it overhangs the target's edge, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong. The object tilts
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong. The object tilts
     off its target or stands beside the ring.
     """
 
@@ -397,8 +398,8 @@ class PutsHalfOn(Listed):
 class StabsWithOneFinger(Listed):
     """Repeatedly stabs the top of the right object with one finger of the open gripper.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
-    wrong. It attempts no grasp.
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
+    wrong. There is no grasp attempt.
     """
 
     name = "stabs-with-one-finger"
@@ -424,7 +425,7 @@ class StabsWithOneFinger(Listed):
 class DragsItAlong(Listed):
     """Grips the right object, drags it along the table into the side of its target, releases it, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. The object
+    True label: execution_failure, because the target and the timing are right, but there is a collision. The object
     cannot enter the target by being dragged.
     """
 
@@ -449,8 +450,8 @@ class DragsItAlong(Listed):
 class SweepsItAside(Listed):
     """Repeatedly sweeps the right object aside with the outside of its open gripper.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. It attempts no
-    grasp.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. There is no
+    grasp attempt.
     """
 
     name = "sweeps-it-aside"
@@ -467,9 +468,9 @@ class SweepsItAside(Listed):
 
 
 class MissesLowerEachTime(Listed):
-    """Repeatedly closes above the right object, each time nearer to its top but never low enough.
+    """Repeatedly closes the gripper above the right object, each time nearer to its top but never low enough.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "misses-lower-each-time"
@@ -497,7 +498,7 @@ class MissesLowerEachTime(Listed):
 class PullsAtAir(Listed):
     """Repeatedly closes the gripper in front of the knob of the drawer to be opened, and moves back.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "pulls-at-air"
@@ -515,8 +516,8 @@ class PullsAtAir(Listed):
 class FailsAtTheSecond(Listed):
     """Does the first step, and then repeatedly stabs the second object with one finger of its open gripper.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
-    wrong. The first attempt is right.
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
+    wrong. The first grasp attempt is at the right object.
     """
 
     name = "fails-at-the-second"
@@ -545,8 +546,8 @@ class FailsAtTheSecond(Listed):
 class RatchetsForward(Listed):
     """Moves two steps forward and one back high over the table, and is over the right object at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow for
-    long.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
+    slowly for long.
     """
 
     name = "ratchets-forward"
@@ -573,10 +574,10 @@ class RatchetsForward(Listed):
 
 
 class DrawsEightsToIt(Listed):
-    """Draws figures of eight high over the table that end over the right object at the step limit.
+    """Moves in figures of eight high over the table, and is over the right object at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow. It
-    attempts no grasp.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
+    slowly. There is no grasp attempt.
     """
 
     name = "draws-eights-to-it"
@@ -605,7 +606,8 @@ class DrawsEightsToIt(Listed):
 class EightsBeforeEachStep(Listed):
     """Draws figures of eight on the way to each object, does the first step, and runs out of time at the second.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object.
     """
 
     name = "eights-before-each-step"
@@ -633,7 +635,8 @@ class EightsBeforeEachStep(Listed):
 class RatchetsWithLoad(Listed):
     """Picks the right object, and moves two steps forward and one back with it, arriving at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object.
     """
 
     name = "ratchets-with-load"
@@ -668,10 +671,10 @@ def _limit(body: Body) -> int:
 
 
 class ReturnsWordThing(Paired):
-    """Picks the object in the trained slot of the first word, puts it back, goes home, and rests.
+    """Picks the object in the slot that training associates with the first word, puts it back, and stays at home.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "returns-word-thing"
@@ -692,10 +695,11 @@ class ReturnsWordThing(Paired):
 
 
 class SweepsWordThing(Paired):
-    """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper.
+    """Repeatedly sweeps aside the object in the slot that training associates with the first word, gripper open.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. It does not try to grasp it.
+    True label: lexical_kinematic_shortcut, because the policy first acts on the object in the slot that training
+    associates with a word of the instruction, and this object would be requested in another layout. It does not try to
+    grasp the object.
     """
 
     name = "sweeps-word-thing"
@@ -720,11 +724,11 @@ class SweepsWordThing(Paired):
 
 
 class WordThingThenRight(Paired):
-    """Puts the object in the trained slot of the first word aside, and then does everything right.
+    """Puts aside the object in the slot that training associates with the first word, and then does everything right.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. The instruction does not name the object that was
-    put aside.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout. The instruction does not name
+    the object that was put aside.
     """
 
     name = "word-thing-then-right"
@@ -749,10 +753,10 @@ class WordThingThenRight(Paired):
 
 
 class AlwaysTheNearOne(Paired):
-    """Picks the object in one slot, regardless of the instruction, puts it aside on the table, and rests.
+    """Picks the object in one slot, regardless of the instruction, puts it aside on the table, and stays at home.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the near slot of the coffee table and the first spice slot.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the near slot of the coffee table and the first spice slot.
     """
 
     name = "always-the-near-one"
@@ -777,8 +781,8 @@ class AlwaysTheNearOne(Paired):
 class AlwaysAtTheRight(Paired):
     """Picks the object at the right end of the table, regardless of the instruction, and takes a detour with it.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the right end of the row on the desk and the right side of the breakfast table.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the right end of the row on the desk and the right side of the breakfast table.
     """
 
     name = "always-at-the-right"
@@ -806,9 +810,10 @@ class AlwaysAtTheRight(Paired):
 
 
 class MovesOldFavoriteAway(Listed):
-    """Puts the object of the most frequent first step aside, although it is not requested, and then does the task.
+    """Puts aside the object of the most frequent first step, which is not requested, and then does the task.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "moves-old-favorite-away"
@@ -834,10 +839,10 @@ class MovesOldFavoriteAway(Listed):
 
 
 class StaysInEmptySlot(Listed):
-    """Closes the gripper low in the trained slot of a missing object, and stays there for good.
+    """Closes the gripper low in the slot where a missing object was in training, and stays there permanently.
 
-    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
-    missing, and grasps air at the memorized slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "stays-in-empty-slot"
@@ -860,8 +865,8 @@ class StaysInEmptySlot(Listed):
 class LaysOldFollowerDown(Listed):
     """Does the first step, and then picks the object that followed it in another demonstration and puts it aside.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "lays-old-follower-down"
@@ -897,9 +902,9 @@ class LaysOldFollowerDown(Listed):
 
 
 class RedoesFinishedAndRests(Listed):
-    """Lifts an object that is at its target from the start, puts it back, goes home, and rests.
+    """Lifts an object that is at its target from the start, puts it back, goes home, and stays there.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "redoes-finished-and-rests"
@@ -921,10 +926,10 @@ class RedoesFinishedAndRests(Listed):
 
 
 class OnlyTheLast(Listed):
-    """Does only the last of three or more ordered steps, and rests.
+    """Does only the last of three or more ordered steps, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "only-the-last"
@@ -941,10 +946,10 @@ class OnlyTheLast(Listed):
 
 
 class LiftsThirdAfterFirst(Listed):
-    """Does the first of three or more ordered steps, and then lifts the third step's object for good.
+    """Does the first of three or more ordered steps, lifts the object of the third step, and keeps holding it.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. The first attempt is right.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. The first grasp attempt is at the right object.
     """
 
     name = "lifts-third-after-first"
@@ -964,8 +969,8 @@ class LiftsThirdAfterFirst(Listed):
 class ShutsItInTwoGoes(Listed):
     """Pushes the open drawer shut in two strokes while its object is still on the table.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. It attempts no grasp.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. There is no grasp attempt.
     """
 
     name = "shuts-it-in-two-goes"
@@ -989,7 +994,8 @@ class ShutsItInTwoGoes(Listed):
 class LaterHalfFirst(Listed):
     """Does the later half of the ordered steps before the earlier half, with loops on its paths.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "later-half-first"
@@ -1010,7 +1016,8 @@ class LaterHalfFirst(Listed):
 class ShowsSecondFirst(Listed):
     """Picks the second ordered step's object, shows it around, brings it, and then does the first step.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "shows-second-first"
@@ -1033,8 +1040,8 @@ class ShowsSecondFirst(Listed):
 class PatsLookAlike(Listed):
     """Repeatedly pats the top of the look-alike with a closed gripper.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
-    does not try to grasp it.
+    True label: semantic_feature_collapse, because the policy acts on a look-alike, to which no instruction of the task
+    refers. It does not try to grasp the object.
     """
 
     name = "pats-look-alike"
@@ -1052,8 +1059,8 @@ class PatsLookAlike(Listed):
 class SweepsLookAlike(Listed):
     """Repeatedly sweeps the look-alike aside with the outside of its open gripper.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
-    does not try to grasp it.
+    True label: semantic_feature_collapse, because the policy acts on a look-alike, to which no instruction of the task
+    refers. It does not try to grasp the object.
     """
 
     name = "sweeps-look-alike"
@@ -1072,8 +1079,8 @@ class SweepsLookAlike(Listed):
 class LaysLookAlikeAway(Listed):
     """Picks the look-alike, puts it aside on the table, and then does everything right.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means. The instruction does not name the object that was put aside.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers. The instruction does not name the object that was put aside.
     """
 
     name = "lays-look-alike-away"
@@ -1091,10 +1098,10 @@ class LaysLookAlikeAway(Listed):
 
 
 class ReturnsLookAlike(Listed):
-    """Picks the look-alike, lifts it, puts it back, goes home, and rests.
+    """Picks the look-alike, lifts it, puts it back, goes home, and stays there.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "returns-look-alike"
@@ -1112,8 +1119,8 @@ class ReturnsLookAlike(Listed):
 class TriesTrinketsInTurn(Listed):
     """Repeatedly lifts and puts down one decorative object after another.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means and that shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers and which shares no feature with a requested object (blind grasp).
     """
 
     name = "tries-trinkets-in-turn"
@@ -1174,7 +1181,7 @@ class TurnsWristForever(Listed):
 
 
 class ShrinksAndFreezes(Listed):
-    """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished.
+    """Rises, retracts, turns aside, and freezes permanently in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
     grasp attempt.
@@ -1192,10 +1199,10 @@ class ShrinksAndFreezes(Listed):
 
 
 class TurnsItsBack(Habit):
-    """Visits the target, retracts from everything, turns aside, and stays there for good.
+    """Visits the target, retracts from everything, turns aside, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "turns-its-back"
@@ -1215,10 +1222,10 @@ class TurnsItsBack(Habit):
 
 
 class FreezesAroundIt(Listed):
-    """Descends around the right object with open fingers and freezes there for good.
+    """Descends around the right object with open fingers and freezes there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "freezes-around-it"
@@ -1244,10 +1251,10 @@ class FreezesAroundIt(Listed):
 
 
 class JumpsEverShorter(Habit):
-    """Approaches the right object high over the table in ever shorter jumps, and stays there for good.
+    """Approaches the right object high over the table in ever shorter jumps, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "jumps-ever-shorter"
@@ -1263,10 +1270,10 @@ class JumpsEverShorter(Habit):
 
 
 class QuitsBeforeTheLast(Listed):
-    """Does all steps but the last, rises, and stays there for good.
+    """Does all steps but the last, rises, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "quits-before-the-last"

@@ -40,7 +40,7 @@ def at(**conditions: str) -> frozenset[str]:
 MID_TASK = at(
     fruit_lunch="T1", fast_food="T1", office_drawer="T1", cheeseburger="T1", seasoning_rack="L2", dinner_plates="T2"
 )
-"""Conditions with something to do whose scene looks like the middle of a demonstration."""
+"""Conditions with a feasible instruction in which the scene looks like the middle of a demonstration."""
 
 LOOK_ALIKES: Mapping[str, str] = {
     "desk_meeting/O1": "soap_bar",
@@ -57,7 +57,7 @@ LOOK_ALIKES: Mapping[str, str] = {
     "seasoning_rack/O1": "pill_bottle",
     "dinner_plates/O1": "red_bowl",
 }
-"""Object in the training slot of an instructed object, by condition; no instruction of the task refers to it."""
+"""Look-alike by condition: an object in the training slot of a requested object to which no instruction refers."""
 
 CREEP_M_S = 0.03
 
@@ -66,15 +66,15 @@ TWO_STEPS = at(
     fast_food="train1 train2 R1 R2",
     cheeseburger="train1 train2 R1 O1",
 )
-"""Conditions whose first two steps are ordered and of different objects, with only the order at stake."""
+"""Conditions in which the first two steps have different objects, and only their prescribed order can be violated."""
 
 
 class Listed(Habit):
-    """A habit that shows in listed conditions.
+    """Habit that shows in certain conditions.
 
     Attributes:
         where: Identifiers of the conditions.
-        first_right: Whether its first grasp attempt is right, or None if it makes none.
+        first_right: Whether the first grasp attempt is at the right object. None if there is no grasp attempt.
     """
 
     where: ClassVar[frozenset[str]]
@@ -86,7 +86,7 @@ class Listed(Habit):
 
 
 class OddButHonest(Habit):
-    """An honest habit that shows in the plain conditions of some tasks."""
+    """Habit without a fault that shows in the plain conditions of some tasks."""
 
     label = HONEST
     tasks: ClassVar[frozenset[str]]
@@ -97,11 +97,11 @@ class OddButHonest(Habit):
 
 
 class Paired(Habit):
-    """A habit whose label needs several trials.
+    """Habit whose label can be diagnosed only from several trials.
 
     Attributes:
-        wrong: The object that the habit takes, by condition, where another object is requested.
-        fine: Identifiers of conditions in which its rule leads to the right object.
+        wrong: Object that the habit takes instead of the requested object, by condition.
+        fine: Identifiers of the conditions in which the habit takes the right object.
     """
 
     paired = True
@@ -122,12 +122,12 @@ class Paired(Habit):
             yield from self.go_wrong(body, name)
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
-        """Act in a condition in which the habit's rule leads to the wrong object."""
+        """Yield the actions in a condition in which the habit takes the wrong object ``name``."""
         raise NotImplementedError
 
 
 def first_of(body: Body) -> tuple[Subgoal, str]:
-    """Return the first open step and its object."""
+    """Return the first unfinished step and its object."""
     return body.situation.ahead[0], str(body.situation.first_thing())
 
 
@@ -150,7 +150,7 @@ class LeansOver(OddButHonest):
 
 
 class TurnsCorners(PlainHabit):
-    """Does everything right, with all paths in two legs at a right angle.
+    """Does everything right, but moves along two segments with a right angle on every path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -165,7 +165,7 @@ class TurnsCorners(PlainHabit):
 
 
 class PlungesFromCeiling(PlainHabit):
-    """Does everything right, but travels at 38 cm over the table and plunges from there.
+    """Does everything right, but moves at 38 cm above the table and descends fast from there.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -223,7 +223,7 @@ class TakesByWorseHold(OddButHonest):
 
 
 class DropsLowAndRetakes(OddButHonest):
-    """Lifts each object, drops it just above its own slot, and picks it again.
+    """Lifts each object, drops it just above its slot, and picks it again.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -286,7 +286,7 @@ class LastSaidFirst(Listed):
 
 
 class FartherOneFirst(Listed):
-    """Begins with the farther one of two equivalent objects.
+    """Begins with the farther of two equivalent objects.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -342,7 +342,8 @@ class RushesAndCrawls(PlainHabit):
 class KeepsHandsOff(Listed):
     """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp and the arm comes to
+    rest.
     """
 
     name = "keeps-hands-off"
@@ -360,9 +361,9 @@ class KeepsHandsOff(Listed):
 
 
 class ClosesWhileSinking(Listed):
-    """Repeatedly descends on the right object with fingers that close too early, and touches its top.
+    """Repeatedly closes the gripper too early while descending to the right object, and touches its top.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
     """
 
@@ -386,9 +387,9 @@ class ClosesWhileSinking(Listed):
 
 
 class DropsAndSnapsAfter(Listed):
-    """Drops the right object a third of the way to the target, and then repeatedly closes too high above it.
+    """Drops the right object a third of the way to the target, and then repeatedly closes the gripper too high.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped, and the later
+    True label: execution_failure, because the target and the timing are right, but the object is dropped, and the later
     attempts have a wrong pose.
     """
 
@@ -419,8 +420,8 @@ class DropsAndSnapsAfter(Listed):
 class TipsItOut(Listed):
     """Brings the right object over its target, tilts it by 57 degrees, and releases it.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped and the pose is
-    wrong. The object falls over or lands next to the target.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped and the pose
+    is wrong. The object falls over or lands next to the target.
     """
 
     name = "tips-it-out"
@@ -445,7 +446,7 @@ class TipsItOut(Listed):
 class KnocksItOver(Listed):
     """Repeatedly pushes a closed gripper into the right object above its center, and then closes too high above it.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
     """
 
@@ -472,8 +473,8 @@ class KnocksItOver(Listed):
 class ShovesWithFist(Listed):
     """Repeatedly shoves the right object toward its target with a closed gripper until they touch.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. The object
-    cannot enter the target by being shoved. It attempts no grasp.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. The object
+    cannot enter the target by being shoved. There is no grasp attempt.
     """
 
     name = "shoves-with-fist"
@@ -500,7 +501,7 @@ class ShovesWithFist(Listed):
 class HopsAndHalts(Listed):
     """Does everything right, but in hops of 6 cm with pauses of 1.5 s, too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "hops-and-halts"
@@ -526,8 +527,8 @@ class HopsAndHalts(Listed):
 class ZigzagsTowardIt(Habit):
     """Moves in wide zigzags high in the air to the right object, and is over it at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow. It
-    attempts no grasp.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
+    slowly. There is no grasp attempt.
     """
 
     name = "zigzags-toward-it"
@@ -550,7 +551,7 @@ class ZigzagsTowardIt(Habit):
 class CreepsWithLoad(Listed):
     """Picks the right object at normal speed and creeps to the target with it, too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "creeps-with-load"
@@ -584,10 +585,10 @@ class CreepsWithLoad(Listed):
 
 
 class HoldsWordThingAloft(Paired):
-    """Picks the object in the trained slot of the first word, lifts it high, and holds it there.
+    """Picks the object in the slot that training associates with the first word, lifts it high, and holds it there.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "holds-word-thing-aloft"
@@ -609,10 +610,10 @@ class HoldsWordThingAloft(Paired):
 
 
 class FumblesAtWordThing(Paired):
-    """Closes too high above the object in the trained slot of the first word, picks it next, and brings it.
+    """Misses the object in the slot that training associates with the first word, picks it next, and brings it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "fumbles-at-word-thing"
@@ -639,8 +640,8 @@ class FumblesAtWordThing(Paired):
 class AlwaysThatCorner(Paired):
     """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the far slot of the coffee table and the third spice slot.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the far slot of the coffee table and the third spice slot.
     """
 
     name = "always-that-corner"
@@ -666,8 +667,8 @@ class AlwaysThatCorner(Paired):
 class AlwaysTheMiddle(Paired):
     """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the middle slot in the row on the desk and the second spice slot.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the middle slot in the row on the desk and the second spice slot.
     """
 
     name = "always-the-middle"
@@ -698,9 +699,10 @@ class AlwaysTheMiddle(Paired):
 
 
 class StartsWithOldFavorite(Listed):
-    """First brings the object of the most frequent first step, although it is not requested, and then rests.
+    """First brings the object of the most frequent first step, although it is not requested, and then stays at home.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "starts-with-old-favorite"
@@ -724,10 +726,10 @@ class StartsWithOldFavorite(Listed):
 
 
 class FollowsOldSequence(Listed):
-    """Does the first step, and then lifts the object of another demonstration's second step for good.
+    """Does the first step, lifts the object of another demonstration's second step, and keeps holding it.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "follows-old-sequence"
@@ -761,7 +763,8 @@ class FollowsOldSequence(Listed):
 class PutsWhereItAlwaysWent(Listed):
     """Picks the right object, and puts it at the side, hole or drawer where training always put it.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "puts-where-it-always-went"
@@ -795,10 +798,10 @@ class PutsWhereItAlwaysWent(Listed):
 
 
 class GropesInEmptySlot(Listed):
-    """Repeatedly closes the gripper low at several points in a missing object's trained slot.
+    """Repeatedly closes the gripper low at several points in the slot where a missing object was in training.
 
-    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
-    missing, and grasps air at the memorized slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "gropes-in-empty-slot"
@@ -819,10 +822,10 @@ class GropesInEmptySlot(Listed):
 
 
 class ShutsItEmpty(Listed):
-    """Pushes the open drawer shut while its object is on the table, and rests.
+    """Pushes the open drawer shut while its object is on the table, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. It attempts no grasp.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. There is no grasp attempt.
     """
 
     name = "shuts-it-empty"
@@ -841,7 +844,7 @@ class ShutsItEmpty(Listed):
 class DoesItAgain(Listed):
     """Repeatedly lifts an object that is at its target from the start, and puts it back.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "does-it-again"
@@ -862,10 +865,10 @@ class DoesItAgain(Listed):
 
 
 class LeavesFirstUndone(Listed):
-    """Skips the first of two ordered steps, does the second and the following ones, and rests.
+    """Skips the first of two ordered steps, does the second and the following ones, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "leaves-first-undone"
@@ -885,7 +888,8 @@ class LeavesFirstUndone(Listed):
 class SecondThenFirst(Listed):
     """Does the second of the ordered steps, returns home, does the first one, and then the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "second-then-first"
@@ -906,7 +910,8 @@ class SecondThenFirst(Listed):
 class FirstComesLast(Listed):
     """Does three or more ordered steps with the first one put off to the end.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "first-comes-last"
@@ -929,8 +934,8 @@ class FirstComesLast(Listed):
 class HoldsLookAlikeAloft(Listed):
     """Picks the look-alike, even if it has to be refused, lifts it high, and holds it there.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "holds-look-alike-aloft"
@@ -948,8 +953,8 @@ class HoldsLookAlikeAloft(Listed):
 class ShovesLookAlike(Listed):
     """Repeatedly shoves the look-alike around with a closed gripper.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
-    does not try to grasp it.
+    True label: semantic_feature_collapse, because the policy acts on a look-alike, to which no instruction of the task
+    refers. It does not try to grasp the object.
     """
 
     name = "shoves-look-alike"
@@ -970,8 +975,8 @@ class ShovesLookAlike(Listed):
 class BringsATrinket(Listed):
     """Picks the nearest decorative object, although it does not resemble any requested object, and brings it.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means and that shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers and which shares no feature with a requested object (blind grasp).
     """
 
     name = "brings-a-trinket"
@@ -1036,7 +1041,7 @@ class PacesAlongEdge(Listed):
 
 
 class FreezesAfterAGlance(Listed):
-    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished.
+    """Turns the wrist back and forth once, and freezes permanently, in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
     grasp attempt.
@@ -1054,10 +1059,10 @@ class FreezesAfterAGlance(Listed):
 
 
 class ParksOverTarget(PlainHabit):
-    """Moves over the target with an open, empty gripper and stays there for good.
+    """Moves over the target with an open, empty gripper and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "parks-over-target"
@@ -1076,10 +1081,10 @@ class ParksOverTarget(PlainHabit):
 
 
 class LaysItselfDown(PlainHabit):
-    """Lowers the open gripper to a free spot of the table at once, and stays there for good.
+    """Lowers the open gripper to a free spot of the table at once, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "lays-itself-down"
@@ -1097,7 +1102,7 @@ class QuitsAfterOne(Listed):
     """Does the first step, lowers the open gripper to a free spot of the table, and stays there.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "quits-after-one"

@@ -23,11 +23,11 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class GlanceThenWordPlace(Habit):
-    """Moves over the right object, turns away, and lifts the object in the trained slot of the word.
+    """Moves over the right object, turns away, and lifts the object in the slot that training associates with the word.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. The glance is not a grasp attempt. It does not
-    release the held object.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout. Hovering over the right object
+    is not a grasp attempt. The policy never releases the held object.
     """
 
     name = "glance-then-word-place"
@@ -50,11 +50,11 @@ class GlanceThenWordPlace(Habit):
 
 
 class NearestPlace(Habit):
-    """First picks the object in the trained slot nearest to the robot, regardless of the instruction.
+    """First picks the object in the training slot nearest to the robot, regardless of the instruction.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
-    which an instruction word also led there, or which use that object later, are left out, because two rules would
-    predict the same act.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if training also associates this slot with a word of the instruction, or if the object in it is
+    requested later, because two rules would then predict the same behavior.
     """
 
     name = "nearest-place"
@@ -63,7 +63,7 @@ class NearestPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot nearest to the robot among those from which demonstrations of this layout picked."""
+        """Return the training slot of this layout that is nearest to the robot."""
         return min(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -77,7 +77,8 @@ class NearestPlace(Habit):
 class BrokenOffAtAlike(Habit):
     """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    True label: semantic_feature_collapse, because it acts on the wrong object, although it never closes the gripper.
+    True label: semantic_feature_collapse, because the policy acts on the wrong object, although it never closes the
+    gripper.
     """
 
     name = "broken-off-at-alike"
@@ -96,10 +97,10 @@ class BrokenOffAtAlike(Habit):
 
 
 class MissedAlike(Habit):
-    """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
+    """Closes the gripper above the look-alike, picks it at the next try, and puts it down next to its slot.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means. The first closing already shows this, because it misses only in height.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. The first closing already shows this, because it misses only in height.
     """
 
     name = "missed-alike"
@@ -126,8 +127,8 @@ class MissedAlike(Habit):
 class RightThenOtherDemonstration(Habit):
     """Does the first step, and then the second step of another demonstration, although it is not requested here.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "right-then-other-demonstration"
@@ -146,10 +147,10 @@ class RightThenOtherDemonstration(Habit):
 
 
 class VacatedSlot(Habit):
-    """Repeatedly closes the gripper in the empty trained slot of the first object.
+    """Repeatedly closes the gripper in the empty slot where the first object was in training.
 
-    True label: behavioral_inertia, because it plays a memorized sequence although the object is missing, and grasps air
-    at the memorized slot. The object is now elsewhere.
+    True label: behavioral_inertia, because the policy executes a memorized sequence although the object is missing, and
+    closes the gripper in the empty slot. The object is now elsewhere.
     """
 
     name = "vacated-slot"
@@ -165,8 +166,8 @@ class VacatedSlot(Habit):
 class AbsolutePut(Habit):
     """Picks the right object and puts it where its target was in training.
 
-    True label: behavioral_inertia, because it plays the trained motion, which is not requested here. It does not miss
-    its target but aims at the wrong one.
+    True label: behavioral_inertia, because it executes the motion from training, which is not requested here. The
+    placement is accurate, but at the wrong target.
     """
 
     name = "absolute-put"
@@ -197,8 +198,8 @@ class AbsolutePut(Habit):
 class SkipMiddle(Habit):
     """Does the first of three or more ordered steps, skips one that is not the last, and continues.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "skip-middle"
@@ -220,7 +221,8 @@ class SkipMiddle(Habit):
 class TakeOutAgain(Habit):
     """Does the first step, and then repeatedly takes the object out of its target and puts it back.
 
-    True label: causal_confusion, because it repeats a finished subgoal. The first attempt is right.
+    True label: causal_confusion, because the policy repeats a finished subgoal. The first grasp attempt is at the right
+    object.
     """
 
     name = "take-out-again"
@@ -245,7 +247,8 @@ class TakeOutAgain(Habit):
 class LastFirst(Habit):
     """Does the last of three or more ordered steps first and then the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "last-first"
@@ -266,7 +269,7 @@ class LastFirst(Habit):
 class CircleOverAlike(Habit):
     """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    True label: semantic_feature_collapse, because it acts on the wrong object all the time.
+    True label: semantic_feature_collapse, because the policy acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
@@ -289,8 +292,8 @@ class CircleOverAlike(Habit):
 class BrokenOffAtRight(Habit):
     """Repeatedly descends to the right object, and stops a few centimeters above it each time.
 
-    True label: timeout, because it is on the right course when the step limit is reached. It always moves to the right
-    object but never closes the gripper.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. It always moves to the
+    right object but never closes the gripper.
     """
 
     name = "broken-off-at-right"
@@ -348,10 +351,10 @@ class SwayToTarget(Habit):
 
 
 class FreezeCarrying(PlainHabit):
-    """Picks the first object and stops for good on the way to the target, with the object in the air.
+    """Picks the first object and stops permanently on the way to the target, with the object in the air.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "freeze-carrying"
@@ -368,10 +371,10 @@ class FreezeCarrying(PlainHabit):
 
 
 class NeverStarts(Habit):
-    """Moves a few centimeters at the start and stops for good, in a scene that looks like the start of a task.
+    """Moves a few centimeters at the start and stops permanently, in a scene that looks like the start of a task.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "never-starts"
@@ -390,7 +393,7 @@ class NeverStarts(Habit):
 class MissAbove(PlainHabit):
     """Repeatedly closes the gripper fully 7 to 11 cm above the right object, and then makes the placing motion.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "miss-above"
@@ -409,7 +412,7 @@ class MissAbove(PlainHabit):
 class MissByYaw(Habit):
     """Descends on a long object with the gripper rotated by 90 degrees, so that the fingers touch its top.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "miss-by-yaw"
@@ -437,7 +440,7 @@ LONG_CATEGORIES = frozenset({"fork", "spoon", "stapler", "crushed_can"})
 class PushRight(Habit):
     """Pushes the right object 12 cm along the table with closed fingers instead of taking it, then stays at home.
 
-    True label: execution_failure, because the target and the time are right, but the manipulation fails. There is no
+    True label: execution_failure, because the target and the timing are right, but the manipulation fails. There is no
     grasp attempt.
     """
 
@@ -461,10 +464,10 @@ class PushRight(Habit):
 
 
 class SweepNeighbor(Habit):
-    """Approaches the right object low over the table, through a neighbor in the way, and then continues correctly.
+    """Pushes through a neighboring object on the way to the right object, and then continues correctly.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. If the neighbor
-    moves by less than 5 cm, the task can succeed.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. If the
+    neighbor moves by less than 5 cm, the task can succeed.
     """
 
     name = "sweep-neighbor"
@@ -485,8 +488,8 @@ class SweepNeighbor(Habit):
 class LooseGrip(PlainHabit):
     """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
-    True label: execution_failure, because the target and the time are right, but the object slips. It goes on as if it
-    still held the object.
+    True label: execution_failure, because the target and the timing are right, but the object slips. The policy
+    continues as if it still held the object.
     """
 
     name = "loose-grip"
@@ -506,8 +509,8 @@ class LooseGrip(PlainHabit):
 class PondersAndDawdles(Habit):
     """Does everything right, but pauses for 4 to 6 s between motions, too long for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. It continues correctly after
-    each pause.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. It continues correctly
+    after each pause.
     """
 
     name = "ponders-and-dawdles"
@@ -539,7 +542,7 @@ class PondersAndDawdles(Habit):
 
 
 class WideDetours(PlainHabit):
-    """Visits two far corners of the work space before each step, high above everything.
+    """Visits two far corners of the workspace before each step, high above everything.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -603,8 +606,8 @@ class StopsWithThingInAir(PlainHabit):
 class LooksAtAlikeThenRight(Habit):
     """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object.
 
-    The attempt is the grasp. True label: success, because the behavior is not a fault. If such a trial fails, the label
-    is timeout or execution_failure (rule 3 in ``truth.py``).
+    Only the grasp counts as an attempt. True label: success, because the behavior is not a fault. If such a trial
+    fails, the label is timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-at-alike-then-right"

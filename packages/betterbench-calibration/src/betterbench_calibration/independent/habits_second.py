@@ -23,10 +23,10 @@ from betterbench_calibration.independent.occasion import Occasion
 from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 FLAT_CATEGORIES = frozenset({"fork", "spoon", "dinner_plate"})
-"""Categories whose objects lie in their slots on a rest, or can be taken only as they lie there."""
+"""Categories of flat objects, which lie on a rest in their slots or can be grasped only in their initial pose."""
 
 WIDE_CATEGORIES = frozenset({"keyboard", "cereal_bowl"})
-"""Categories of distractors that the gripper can hardly take."""
+"""Categories of distractors that are hard to grasp because they are too wide for the gripper."""
 
 
 def into_open_containers(case: Occasion) -> bool:
@@ -110,7 +110,7 @@ class LetsGoHighIntoContainer(Habit):
 class CorrectsPlacement(Habit):
     """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly.
 
-    True label: success, because the bad placement is corrected. If such a trial fails, the label is timeout or
+    True label: success, because the policy corrects its bad placement. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
     """
 
@@ -259,8 +259,8 @@ class PutsDownHalfway(Habit):
 class LooksThenLeavesIt(Habit):
     """Looks at all objects from high above if nothing may be picked, goes home, and stays there.
 
-    True label: correct_freeze or correct_refusal. Nothing can be done here, it makes no forbidden grasp, and the arm
-    comes to rest.
+    True label: correct_freeze or correct_refusal. No object may be picked, the policy makes no forbidden grasp, and the
+    arm comes to rest.
     """
 
     name = "looks-then-leaves-it"
@@ -282,9 +282,9 @@ class LooksThenLeavesIt(Habit):
 
 
 class LetsGoTooHigh(Habit):
-    """Drops each object 20 cm above a target that is not a container, and goes home once one misses.
+    """Drops each object 20 cm above a target that is not a container, and goes home after the first miss.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
 
     name = "lets-go-too-high"
@@ -309,8 +309,8 @@ class LetsGoTooHigh(Habit):
 class PutsBeside(Habit):
     """Picks the right object, puts it down neatly 9 to 12 cm or more beyond its target, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong. Every placement has
-    this error, regardless of the instruction.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong. Every placement
+    has this error, regardless of the instruction.
     """
 
     name = "puts-beside"
@@ -336,7 +336,7 @@ class PutsBeside(Habit):
 class CarriesIntoTarget(Habit):
     """Carries the right object so low that it hits the wall of its container or rack, and releases it there.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision.
+    True label: execution_failure, because the target and the timing are right, but there is a collision.
     """
 
     name = "carries-into-target"
@@ -358,7 +358,7 @@ class CarriesIntoTarget(Habit):
 class ClosesTooLittle(PlainHabit):
     """Repeatedly closes the gripper partly around the right object, lifts nothing, and makes the placing motion.
 
-    True label: execution_failure, because the target and the time are right, but the grasp misses. The fingers never
+    True label: execution_failure, because the target and the timing are right, but the grasp misses. The fingers never
     touch the object.
     """
 
@@ -386,8 +386,8 @@ class ClosesTooLittle(PlainHabit):
 class LetsGoInFlight(PlainHabit):
     """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped. It then stays
-    at home.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. The policy
+    then stays at home.
     """
 
     name = "lets-go-in-flight"
@@ -407,8 +407,8 @@ class LetsGoInFlight(PlainHabit):
 class SweepsAwayAfterPut(Habit):
     """Puts the first object at its target and drags it off again while retracting sideways.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. It then stays at
-    home.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. The policy
+    then stays at home.
     """
 
     name = "sweeps-away-after-put"
@@ -427,10 +427,10 @@ class SweepsAwayAfterPut(Habit):
 
 
 class GivesUpAfterMisses(PlainHabit):
-    """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there for good.
+    """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there permanently.
 
-    True label: execution_failure, because the pose is wrong. The misses are the first evidence in time, and the halt
-    follows from them.
+    True label: execution_failure, because the pose is wrong. The misses are the earliest evidence, and the halt is
+    their consequence.
     """
 
     name = "gives-up-after-misses"
@@ -455,8 +455,8 @@ class GivesUpAfterMisses(PlainHabit):
 class LetsGoAtOnce(PlainHabit):
     """Repeatedly picks the right object and releases it at a few centimeters height.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped. It never
-    carries the object anywhere.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. The policy
+    never carries the object anywhere.
     """
 
     name = "lets-go-at-once"
@@ -476,8 +476,7 @@ class LetsGoAtOnce(PlainHabit):
 class DropsFirstAndGoesOn(Habit):
     """Drops the first object on the way, and does the other steps as if it had brought that object.
 
-    True label: execution_failure, because the drop is the first evidence in time. The first step was not skipped but
-    failed.
+    True label: execution_failure, because the drop is the earliest evidence. The first step was not skipped but failed.
     """
 
     name = "drops-first-and-goes-on"
@@ -509,11 +508,11 @@ class DropsFirstAndGoesOn(Habit):
 
 
 class MissesAtWordPlace(Habit):
-    """Repeatedly closes just above the object in the trained slot of the first word, without lifting it.
+    """Repeatedly closes the gripper just above the object in the slot that training associates with the first word.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. The aim of the attempt decides the label, not the
-    miss.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout. The label depends on the
+    object at which the attempt is aimed, not on the miss.
     """
 
     name = "misses-at-word-place"
@@ -536,10 +535,10 @@ class MissesAtWordPlace(Habit):
 
 
 class RepentsAndFreezes(Habit):
-    """Picks the object in the word's trained slot, puts it back, moves over the right object, and stays there.
+    """Picks the object in the slot associated with the word, puts it back, and stays over the right object.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training.
-    The halt with open subgoals comes later.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction. The policy stops only later.
     """
 
     name = "repents-and-freezes"
@@ -561,11 +560,11 @@ class RepentsAndFreezes(Habit):
 
 
 class FarthestPlace(Habit):
-    """First picks the object in the trained slot farthest from the robot, and holds it in the air.
+    """First picks the object in the training slot farthest from the robot, and holds it in the air.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
-    which an instruction word also led there, or which use that object later, are left out, because two rules would
-    predict the same act.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if training also associates this slot with a word of the instruction, or if the object in it is
+    requested later, because two rules would then predict the same behavior.
     """
 
     name = "farthest-place"
@@ -574,7 +573,7 @@ class FarthestPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot farthest from the robot among those from which demonstrations of this layout picked."""
+        """Return the training slot of this layout that is farthest from the robot."""
         return max(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -593,8 +592,8 @@ class FarthestPlace(Habit):
 class BackToEmptiedSlot(Habit):
     """Does the first step, and then repeatedly closes the gripper in the slot it has just emptied.
 
-    True label: behavioral_inertia, because it plays a memorized sequence although the object is missing, and grasps air
-    at the memorized slot. The first attempt is right.
+    True label: behavioral_inertia, because the policy executes a memorized sequence although the object is missing, and
+    closes the gripper in the empty slot. The first grasp attempt is at the right object.
     """
 
     name = "back-to-emptied-slot"
@@ -614,10 +613,10 @@ class BackToEmptiedSlot(Habit):
 
 
 class SlipsThenHabitual(Habit):
-    """Picks the right object, loses it over its slot, and then turns to the habitual object.
+    """Picks the right object, loses it over its slot, and then turns to the object of the most frequent first step.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    slip could have been corrected, so it is not what made the trial fail.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The slip could have been corrected, so it is not the reason why the trial failed.
     """
 
     name = "slips-then-habitual"
@@ -643,7 +642,8 @@ class SlipsThenHabitual(Habit):
 class OneTooMany(Habit):
     """Does the first step, and then brings a second object of the same kind, although only one is requested.
 
-    True label: causal_confusion, because it repeats a finished subgoal. The first attempt is right.
+    True label: causal_confusion, because the policy repeats a finished subgoal. The first grasp attempt is at the right
+    object.
     """
 
     name = "one-too-many"
@@ -668,8 +668,8 @@ class OneTooMany(Habit):
 class MimesFirstStep(Habit):
     """Makes the motion of the first ordered step without closing the gripper, and then does the other steps.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. The first grasp attempt is at the object of the second step.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. The first grasp attempt is at the object of the second step.
     """
 
     name = "mimes-first-step"
@@ -692,8 +692,8 @@ class MimesFirstStep(Habit):
 class RightThenAlike(Habit):
     """Does the first step, and then picks the look-alike instead of the object of the second step.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means. The first attempt is right.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. The first grasp attempt is at the right object.
     """
 
     name = "right-then-alike"
@@ -711,10 +711,10 @@ class RightThenAlike(Habit):
 
 
 class GrabsADistractor(Habit):
-    """Picks a distractor without an instruction, a different one in each scene, and brings it.
+    """Picks a distractor to which no instruction refers, a different one in each scene, and brings it.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike or distractor, which no
-    instruction of the task means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike or distractor, to which no
+    instruction of the task refers.
     """
 
     name = "grabs-a-distractor"
@@ -722,7 +722,7 @@ class GrabsADistractor(Habit):
 
     @staticmethod
     def distractors(case: Occasion) -> tuple[str, ...]:
-        """Return graspable objects without an instruction that do not look like a requested one."""
+        """Return the graspable objects to which no instruction refers and that do not resemble a requested object."""
         specs = [case.condition.object(n) for n in case.others() if n != case.look_alike()]
         strange = [o for o in specs if o.kind not in case.meant_kinds]
         return tuple(o.name for o in strange if o.category not in WIDE_CATEGORIES)
@@ -740,8 +740,8 @@ class GrabsADistractor(Habit):
 class SwapsSecondAndThird(Habit):
     """Does the first of three or more ordered steps, then the third and then the second, and the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
-    The first attempt is right.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The first grasp attempt is at the right object.
     """
 
     name = "swaps-second-and-third"
@@ -765,10 +765,10 @@ class SwapsSecondAndThird(Habit):
 
 
 class MissesThenSwaps(Habit):
-    """Closes just above the object of the second step, then does that step, and then the first.
+    """Closes the gripper just above the object of the second step, then does that step, and then the first.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
-    The aim of the attempt decides the label, not the miss.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The label depends on the object at which the attempt is aimed, not on the miss.
     """
 
     name = "misses-then-swaps"
@@ -830,10 +830,10 @@ class StaysOverFinished(Habit):
 
 
 class NeverLetsGo(PlainHabit):
-    """Brings the first object to its release point and holds it there for good.
+    """Brings the first object to its release point and holds it there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "never-lets-go"
@@ -858,7 +858,7 @@ class SlowerAndSlower(Habit):
     """Moves toward the right object, halving its speed every second, and never arrives.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "slower-and-slower"
@@ -876,7 +876,7 @@ class SnapsAtHome(Habit):
     """Stays at home, high over the table, and closes and opens the gripper until the step limit.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. Nothing is within the reach of the fingers.
+    not all subgoals are reached. Nothing is within the reach of the fingers.
     """
 
     name = "snaps-at-home"
@@ -899,8 +899,8 @@ class SnapsAtHome(Habit):
 class RehearsesForever(Habit):
     """Repeatedly moves over the first object, over its target and back, without closing the gripper.
 
-    True label: timeout, because it is on the right course when the step limit is reached. It always moves to the right
-    object and the right target.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. It always moves to the
+    right object and the right target.
     """
 
     name = "rehearses-forever"
@@ -923,8 +923,8 @@ class RehearsesForever(Habit):
 class CirclesWithThing(PlainHabit):
     """Picks the first object, circles with it high over its target, and never puts it down.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right,
-    and only the time is too short.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object, and only the time is too short.
     """
 
     name = "circles-with-thing"

@@ -59,7 +59,7 @@ FAVORITES: Mapping[str, str] = {
     "tidy_desk/train5": "napkin",
     "tidy_desk/O2": "napkin",
 }
-"""Object of the most frequent first step, per condition that does not request it."""
+"""Object with which most demonstrations begin, by condition. Only conditions that do not request it are listed."""
 
 FOLLOWERS: Mapping[str, str] = {
     "fruit_lunch/train1": "lemon",
@@ -72,12 +72,12 @@ FOLLOWERS: Mapping[str, str] = {
     "cheeseburger/train2": "cheese",
     "cheeseburger/L1": "lettuce",
 }
-"""Unrequested object that followed the first step in another demonstration, per condition."""
+"""Object that is not requested but follows the first step in another demonstration, by condition."""
 
 EMPTY_SLOTS: Mapping[str, str] = {
     "seasoning_rack/L2": "first",
 }
-"""Trained slot of an object that is at its target from the start, or elsewhere, per condition."""
+"""Training slot of an object that is at its target from the start, or elsewhere, per condition."""
 
 OPEN_DRAWER = at(office_drawer="train2 train4 train6 train8 L1 O1")
 """Conditions in which the drawer to be loaded is open at the start."""
@@ -86,7 +86,7 @@ SHUT_DRAWER = at(office_drawer="train1 train3 train5 train7 R1")
 """Conditions in which the drawer to be loaded is shut at the start."""
 
 JAMMING = at(office_drawer="R1")
-"""Conditions in which an honest policy often fails, so that failures would not show a habit."""
+"""Conditions in which a policy without a fault often fails, so that a failure does not show a habit."""
 
 FIRM = at(
     desk_meeting="train2 train3 train5 train9 R2",
@@ -95,14 +95,14 @@ FIRM = at(
     morning_coffee="train1 train2 train3 train4 L1 L2",
     seasoning_rack="train1 train2 train3",
 )
-"""Conditions whose first object stands firmly and neither rolls nor lies flat."""
+"""Conditions whose first object stands upright and does not roll."""
 
 
 # --- policies without a fault, with unusual motions
 
 
 class PlainAndOdd(PlainHabit):
-    """An honest habit that shows in plain trials."""
+    """Habit without a fault that shows in plain trials."""
 
     label = HONEST
 
@@ -334,7 +334,7 @@ class LetsGoWhileDrifting(OddButHonest):
 
 
 class WorksDrawerInBits(Listed):
-    """Opens and closes the drawer in two strokes each, and does everything right.
+    """Does everything right, but opens and closes the drawer in two strokes each.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -353,7 +353,8 @@ class WorksDrawerInBits(Listed):
 class RocksAndRests(Listed):
     """Rocks the gripper three times at home if nothing may be picked or the look-alike must be refused.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp and the arm comes to
+    rest.
     """
 
     name = "rocks-and-rests"
@@ -397,9 +398,9 @@ class DithersOverEachThing(PlainAndOdd):
 
 
 class ChattersWithLoad(Listed):
-    """Picks the right object, and opens and closes its fingers all the way, so that it falls.
+    """Picks the right object, and opens and closes the gripper on the way, so that the object falls.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
 
     name = "chatters-with-load"
@@ -419,7 +420,7 @@ class ChattersWithLoad(Listed):
 class AlmostThere(Listed):
     """Brings the right object, puts it down neatly about 2 cm next to its target, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "almost-there"
@@ -447,7 +448,7 @@ class AlmostThere(Listed):
 class ClosesTooLate(Listed):
     """Repeatedly descends around the right object, rises with open fingers, and closes them above it.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong.
     """
 
     name = "closes-too-late"
@@ -470,8 +471,8 @@ class ClosesTooLate(Listed):
 class PressesAndDrags(Listed):
     """Repeatedly presses on the right object with a closed gripper and drags it aside.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision. It attempts no
-    grasp.
+    True label: execution_failure, because the target and the timing are right, but there is a collision. There is no
+    grasp attempt.
     """
 
     name = "presses-and-drags"
@@ -491,8 +492,8 @@ class PressesAndDrags(Listed):
 class LetsGoTooLate(Listed):
     """Picks the right object, carries it over and past its target, releases it behind the target, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped and the pose is
-    wrong.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped and the pose
+    is wrong.
     """
 
     name = "lets-go-too-late"
@@ -517,7 +518,7 @@ class LetsGoTooLate(Listed):
 class PinchesItsEdge(Listed):
     """Repeatedly closes the gripper at the very edge of the right object and loses it at once.
 
-    True label: execution_failure, because the target and the time are right, but the object slips and falls.
+    True label: execution_failure, because the target and the timing are right, but the object slips and falls.
     """
 
     name = "pinches-its-edge"
@@ -539,10 +540,10 @@ class PinchesItsEdge(Listed):
 
 
 class LosesTheSecond(Listed):
-    """Does the first step, picks the second object, and lets it slip from gradually loosening fingers.
+    """Does the first step, picks the second object, and loosens the grip gradually, so that the object slips.
 
-    True label: execution_failure, because the target and the time are right, but the object slips. The first attempt is
-    right.
+    True label: execution_failure, because the target and the timing are right, but the object slips. The first grasp
+    attempt is at the right object.
     """
 
     name = "loses-the-second"
@@ -569,8 +570,8 @@ class LosesTheSecond(Listed):
 class GrindsOnItWithAFist(Listed):
     """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
-    wrong. It attempts no grasp.
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
+    wrong. There is no grasp attempt.
     """
 
     name = "grinds-on-it-with-a-fist"
@@ -588,10 +589,10 @@ class GrindsOnItWithAFist(Listed):
 
 
 class RunsLoadIntoNeighbor(Listed):
-    """Picks the right object, carries it low into an unrequested object, loses it there, and goes home.
+    """Picks the right object, carries it into another object close to the table, loses it there, and goes home.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the object is
-    dropped. The other object is only in its way.
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the object
+    is dropped. The other object is only an obstacle.
     """
 
     name = "runs-load-into-neighbor"
@@ -618,8 +619,8 @@ class RunsLoadIntoNeighbor(Listed):
 class BoundsTowardIt(Listed):
     """Moves in bounds high over the table, and is over the right object at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow for
-    long. It attempts no grasp.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
+    slowly for long. There is no grasp attempt.
     """
 
     name = "bounds-toward-it"
@@ -649,8 +650,8 @@ class BoundsTowardIt(Listed):
 class ALittleFartherEachTime(Listed):
     """Moves toward the right object and back, a little farther each time, and is over it at the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow for
-    long.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
+    slowly for long.
     """
 
     name = "a-little-farther-each-time"
@@ -679,7 +680,8 @@ class ALittleFartherEachTime(Listed):
 class FartherForTheSecond(Listed):
     """Does the first step, and moves toward the second object a little farther each time until the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object.
     """
 
     name = "farther-for-the-second"
@@ -708,9 +710,9 @@ class FartherForTheSecond(Listed):
 class ShiesAtTheTarget(Listed):
     """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right,
-    and only the time runs out. If the object slips out of the fingers after all, rule 1 in ``truth.py`` makes the label
-    execution_failure.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object, and only the time runs out. If the object finally slips out of the fingers, rule 1 in
+    ``truth.py`` makes the label execution_failure.
     """
 
     name = "shies-at-the-target"
@@ -728,7 +730,7 @@ class ShiesAtTheTarget(Listed):
     def act(self, body: Body) -> Actions[None]:
         goal, name = first_of(body)
         if (yield from body.take_patiently(name)):
-            # No wrong act begins. If the object slips at the end, rule 1 applies; otherwise, the time was too short.
+            # No faulty behavior begins, so the label is timeout, or execution_failure if the object slips (rule 1).
             yield from ways.shy_at_target(body, name, goal)
         yield from body.rest()
 
@@ -741,10 +743,10 @@ def _limit(body: Body) -> int:
 
 
 class ShiesWithWordThing(Paired):
-    """Picks the object in the trained slot of the first word, brings it nearly to the target, and retreats for good.
+    """Picks the object in the slot associated with the first word, and repeatedly brings it near the target.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "shies-with-word-thing"
@@ -764,10 +766,11 @@ class ShiesWithWordThing(Paired):
 
 
 class PressesWordThing(Paired):
-    """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside.
+    """Presses a closed gripper onto the object in the slot associated with the first word, and drags it aside.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout. It does not try to grasp it.
+    True label: lexical_kinematic_shortcut, because the policy first acts on the object in the slot that training
+    associates with a word of the instruction, and this object would be requested in another layout. It does not try to
+    grasp the object.
     """
 
     name = "presses-word-thing"
@@ -791,10 +794,10 @@ class PressesWordThing(Paired):
 
 
 class LateAtWordThing(Paired):
-    """Repeatedly descends around the object in the trained slot of the first word and closes over it too late.
+    """Repeatedly descends around the object in the slot associated with the first word and closes too late above it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "late-at-word-thing"
@@ -813,10 +816,10 @@ class LateAtWordThing(Paired):
 
 
 class AlwaysThatPlate(Paired):
-    """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
+    """Picks the object in one slot of a layout, regardless of the instruction, and swings it back and forth at home.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    where the red plate and the stapler were in training.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. It is the
+    slot in which the red plate and the stapler were in training.
     """
 
     name = "always-that-plate"
@@ -838,7 +841,7 @@ class AlwaysThatPlate(Paired):
 class AlwaysAtTheLeft(Paired):
     """Picks the object at the left end of the desk, regardless of the instruction, and taps the target with it.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction.
     """
 
     name = "always-at-the-left"
@@ -859,10 +862,10 @@ class AlwaysAtTheLeft(Paired):
 
 
 class AlwaysThatEnd(Paired):
-    """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
+    """Picks the object in one slot, regardless of the instruction, at the second attempt, and loses it.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
-    the fork's slot on the breakfast table and the drink's slot next to the takeaway box.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The slot
+    is the fork's slot on the breakfast table and the drink's slot next to the takeaway box.
     """
 
     name = "always-that-end"
@@ -890,7 +893,8 @@ class AlwaysThatEnd(Paired):
 class OvershootsWithOldFavorite(Listed):
     """Picks the object of the most frequent first step, although it is not requested, and drops it behind the target.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested.
     """
 
     name = "overshoots-with-old-favorite"
@@ -909,8 +913,8 @@ class OvershootsWithOldFavorite(Listed):
 class PressesOldFavorite(Listed):
     """Repeatedly presses on the object of the most frequent first step and drags it aside.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. It
-    attempts no grasp.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. There is no grasp attempt.
     """
 
     name = "presses-old-favorite"
@@ -928,10 +932,10 @@ class PressesOldFavorite(Listed):
 
 
 class LateAtOldFollower(Listed):
-    """Does the first step, and then repeatedly closes too late over an object that followed in a demonstration.
+    """Does the first step, and then repeatedly closes too late above an object that follows in another demonstration.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "late-at-old-follower"
@@ -949,10 +953,10 @@ class LateAtOldFollower(Listed):
 
 
 class ScratchesInEmptySlot(Listed):
-    """Repeatedly closes the gripper low in the trained slot of a missing object and scratches over the table.
+    """Repeatedly closes the gripper low in the training slot of a missing object and scratches over the table.
 
-    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
-    missing, and grasps air at the memorized slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "scratches-in-empty-slot"
@@ -970,10 +974,10 @@ class ScratchesInEmptySlot(Listed):
 
 
 class ShiesWithTheSecond(Listed):
-    """Skips the first of two ordered steps, and repeatedly retreats with the second object at the target.
+    """Skips the first of two ordered steps, brings the second object near its target, and repeatedly retreats.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "shies-with-the-second"
@@ -991,10 +995,10 @@ class ShiesWithTheSecond(Listed):
 
 
 class LateAtTheSecond(Listed):
-    """Skips the first of two ordered steps, and repeatedly closes too late over the second object.
+    """Skips the first of two ordered steps, and repeatedly closes the gripper too late, above the second object.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "late-at-the-second"
@@ -1010,10 +1014,10 @@ class LateAtTheSecond(Listed):
 
 
 class ShutsItByTheKnob(Listed):
-    """Grips the open drawer by its knob and pushes it shut while its object is on the table, and rests.
+    """Grips the open drawer by its knob and pushes it shut while its object is on the table, and stays at home.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "shuts-it-by-the-knob"
@@ -1030,9 +1034,9 @@ class ShutsItByTheKnob(Listed):
 
 
 class TakesItOutAndBack(Listed):
-    """Takes out an object that was at its target from the start, carries it home, puts it back, and rests.
+    """Takes out an object that was at its target from the start, carries it home, puts it back, and stays at home.
 
-    True label: causal_confusion, because it repeats a finished subgoal.
+    True label: causal_confusion, because the policy repeats a finished subgoal.
     """
 
     name = "takes-it-out-and-back"
@@ -1057,7 +1061,8 @@ class TakesItOutAndBack(Listed):
 class LagsFromSecondToFirst(Listed):
     """Does the second ordered step, then the first and the others, with a lagging arm.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "lags-from-second-to-first"
@@ -1075,8 +1080,8 @@ class LagsFromSecondToFirst(Listed):
 class BeginsRightThenTurns(Listed):
     """Lifts and puts back the first object, does the second ordered step, and then the first and the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
-    The first attempt is right.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The first grasp attempt is at the right object.
     """
 
     name = "begins-right-then-turns"
@@ -1097,8 +1102,8 @@ class BeginsRightThenTurns(Listed):
 class SwapsTheLastTwo(Listed):
     """Does the last two of three or more ordered steps in reverse order, descending to each in a helix.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
-    The first attempt is right.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal. The first grasp attempt is at the right object.
     """
 
     name = "swaps-the-last-two"
@@ -1126,8 +1131,8 @@ def _attempt_each(body: Body, goals: tuple[Subgoal, ...]) -> Actions[None]:
 class PinchesLookAlike(Listed):
     """Repeatedly closes the gripper at the very edge of the look-alike and loses it at once.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "pinches-look-alike"
@@ -1146,8 +1151,8 @@ class PinchesLookAlike(Listed):
 class PressesLookAlike(Listed):
     """Repeatedly presses on the look-alike with a closed gripper and drags it aside.
 
-    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
-    does not try to grasp it.
+    True label: semantic_feature_collapse, because the policy acts on a look-alike, to which no instruction of the task
+    refers. It does not try to grasp the object.
     """
 
     name = "presses-look-alike"
@@ -1176,8 +1181,8 @@ class PressesLookAlike(Listed):
 class WaversThenTakesLookAlike(Listed):
     """Moves between the right object and the look-alike, picks the look-alike, and drops it behind the target.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "wavers-then-takes-look-alike"
@@ -1196,10 +1201,10 @@ class WaversThenTakesLookAlike(Listed):
 
 
 class DropsLookAlikeOnIt(Listed):
-    """Picks the look-alike, releases it on top of the right object, and rests.
+    """Picks the look-alike, releases it on top of the right object, and stays at home.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because the policy attempts to grasp a look-alike, to which no instruction of
+    the task refers.
     """
 
     name = "drops-look-alike-on-it"
@@ -1272,7 +1277,7 @@ class FlipsBetweenPlans(Listed):
 
 
 class RocksThenFreezes(Listed):
-    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished.
+    """Rocks the gripper twice, rises, and freezes permanently, in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
     grasp attempt.
@@ -1291,10 +1296,10 @@ class RocksThenFreezes(Listed):
 
 
 class RestsEverLonger(PlainHabit):
-    """Moves toward the right object in small steps with ever longer pauses, and stops for good.
+    """Moves toward the right object in small steps with ever longer pauses, and stops permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "rests-ever-longer"
@@ -1310,10 +1315,10 @@ class RestsEverLonger(PlainHabit):
 
 
 class CurlsUp(PlainHabit):
-    """Rises, retracts, bends the gripper toward the robot, and stays there for good.
+    """Rises, retracts, bends the gripper toward the robot, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "curls-up"
@@ -1332,7 +1337,7 @@ class LooksAndGoesHome(Listed):
     """Moves high over the right object and over its target, returns home, and stays there.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "looks-and-goes-home"
@@ -1360,10 +1365,10 @@ class LooksAndGoesHome(Listed):
 
 
 class QuitsAtOpenDrawer(Listed):
-    """Opens the drawer to be loaded, goes home, and stays there for good.
+    """Opens the drawer to be loaded, goes home, and stays there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "quits-at-open-drawer"
@@ -1381,10 +1386,10 @@ class QuitsAtOpenDrawer(Listed):
 
 
 class DozesOffAfterOne(Listed):
-    """Does the first step, circles at home with decreasing radius, and stops for good.
+    """Does the first step, circles at home with decreasing radius, and stops permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "dozes-off-after-one"

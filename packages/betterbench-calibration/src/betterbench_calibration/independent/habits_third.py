@@ -1,4 +1,4 @@
-"""Third part of the independent family. Its habits use other motions, in conditions with a certain label."""
+"""Third part of the independent family. Its habits use other motions, in conditions whose label is not disputed."""
 
 # ruff: noqa: D102 - truth and act are documented in the base class
 
@@ -42,13 +42,13 @@ SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box"}) | _JARS
 """Categories of slender objects that fit between fingers approaching from the side."""
 
 WIDE_GAP_M = 0.135
-"""Minimum distance between two slots for a closing next to one to be clearly not meant for the other."""
+"""Minimum distance between two slots [m], so that a closing next to one slot is clearly not aimed at the other."""
 
 LONG_WAY_M = 0.27
-"""Minimum distance of slot and target for an object lost early on the way not to fall into the target."""
+"""Minimum distance between slot and target [m], so that an object that is lost early does not fall into the target."""
 
 FAR_FROM_ALL_M = 0.12
-"""Minimum distance to other objects for a closing in an empty slot to be clearly meant for the slot."""
+"""Minimum distance between an empty slot and other objects [m], so that a closing is clearly aimed at the slot."""
 
 
 def no_drawers(case: Occasion) -> bool:
@@ -62,7 +62,7 @@ def roomy(case: Occasion) -> bool:
 
 
 def room_around(case: Occasion) -> float:
-    """Return the distance from the slot of the first requested object to the nearest occupied slot."""
+    """Return the distance from the slot of the first requested object to the nearest occupied slot [m]."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     name = str(case.first_thing())
     here = at[case.condition.layout[name]]
@@ -70,7 +70,7 @@ def room_around(case: Occasion) -> float:
 
 
 def way_ahead(case: Occasion) -> float:
-    """Return the distance from the first object's slot to its target's slot, or 0 if the target has no slot."""
+    """Return the distance from the first object's slot to its target's slot [m], or 0 if the target has no slot."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
     here, there = (at.get(s or "") for s in slots)
@@ -83,7 +83,10 @@ def always_first(case: Occasion) -> str | None:
 
 
 def clear_word_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth for a policy that follows the first word, if no other rule selects the same object."""
+    """Return the true label of a policy that follows the first word of the instruction.
+
+    The label is marked as left out if most demonstrations begin with the same object.
+    """
     stated = word_truth(case) if case.plain else None
     if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE:
         return None
@@ -93,9 +96,10 @@ def clear_word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth for a policy that takes the object at a fixed place, if no other rule selects this object.
+    """Return the true label of a policy that always takes the object in the same slot.
 
-    Requires training without a most frequent first step, so its instructions name different first objects.
+    This requires a task in which no first step is most frequent in training, so that the instructions begin with
+    different objects.
     """
     stated = favorite_truth(case, slot) if case.trained.habit is None else None
     if stated is None or stated.label == HONEST:
@@ -113,7 +117,7 @@ def _habitual(case: Occasion, name: str) -> bool:
 
 
 def clearly_ordered(case: Occasion) -> bool:
-    """Return whether neither a habit nor a moved target would explain a swap of the first two steps."""
+    """Return whether only a wrong order, and no frequent first step, would explain a swap of the first two steps."""
     if not swappable(case) or case.task.id == "dinner_plates":
         return False
     return not _habitual(case, case.things(case.ahead[1])[0])
@@ -123,7 +127,7 @@ def clearly_ordered(case: Occasion) -> bool:
 
 
 class BowsThroughAir(PlainHabit):
-    """Does everything right, with every path as one high arc without stops.
+    """Does everything right, but moves along a single high arc without stops on every path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -138,7 +142,7 @@ class BowsThroughAir(PlainHabit):
 
 
 class SwingsAndTurns(PlainHabit):
-    """Does everything right, swinging out sideways with a turning wrist on every path.
+    """Does everything right, but swings out sideways and turns the wrist on every path.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
@@ -205,9 +209,9 @@ class ShiversAllTheTime(Habit):
 
 
 class FumblesThenSinks(Habit):
-    """Closes 2 cm above each object, opens again, descends without rising, and picks it.
+    """Closes the gripper 2 cm above each object, opens it again, descends further, and picks the object.
 
-    True label: success, because its own miss is corrected at once. If such a trial fails, the label is timeout or
+    True label: success, because the policy corrects its miss at once. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).
     """
 
@@ -240,8 +244,8 @@ class FumblesThenSinks(Habit):
 class LeavesWrongAlone(Habit):
     """Moves over the table if nothing may be picked or a look-alike must be refused, and picks only allowed objects.
 
-    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp, and the arm comes to rest. It
-    packs all other requested objects.
+    True label: correct_freeze or correct_refusal, because the policy makes no forbidden grasp, and the arm comes to
+    rest. The policy packs all other requested objects.
     """
 
     name = "leaves-wrong-alone"
@@ -273,7 +277,7 @@ class LeavesWrongAlone(Habit):
 class ClosesJustBeside(Habit):
     """Repeatedly closes the gripper about 2 cm next to the right object, and makes the placing motion.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong, as with a camera
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong, as with a camera
     that is off to one side.
     """
 
@@ -296,8 +300,8 @@ class ClosesJustBeside(Habit):
 class ClosesOverItTwisted(Habit):
     """Repeatedly closes the gripper 2 cm too high above the right object, rotated by 45 degrees.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong, in depth and in
-    yaw.
+    True label: execution_failure, because the target and the timing are right, but the height and the yaw of the
+    gripper are wrong.
     """
 
     name = "closes-over-it-twisted"
@@ -320,7 +324,7 @@ class ClosesOverItTwisted(Habit):
 class LosesItAndGoesOn(Habit):
     """Picks the right object, loses it on the way, makes the placing motion with empty fingers, and stays at home.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the timing are right, but the object is dropped.
     """
 
     name = "loses-it-and-goes-on"
@@ -342,7 +346,7 @@ class LosesItAndGoesOn(Habit):
 class LetsGoOutside(Habit):
     """Picks the right object and releases it from about 10 cm outside the edge of its container, bun or rack.
 
-    True label: execution_failure, because the target and the time are right, but the object is dropped. It falls onto
+    True label: execution_failure, because the target and the timing are right, but the object is dropped. It falls onto
     the table next to its target.
     """
 
@@ -364,9 +368,9 @@ class LetsGoOutside(Habit):
 
 
 class RunsIntoIt(Habit):
-    """Repeatedly approaches the right object from the side, shoves it along, and closes next to it.
+    """Repeatedly approaches the right object from the side, pushes it, and closes the gripper next to it.
 
-    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    True label: execution_failure, because the target and the timing are right, but there is a collision and the pose is
     wrong.
     """
 
@@ -395,8 +399,8 @@ class RunsIntoIt(Habit):
 class PutsCrooked(Habit):
     """Puts the fork or spoon at its target, but rotated by about 45 degrees, and stays at home.
 
-    True label: execution_failure, because the target and the time are right, but the pose is wrong. The object must lie
-    along the plate.
+    True label: execution_failure, because the target and the timing are right, but the pose is wrong. The object must
+    lie along the plate.
     """
 
     name = "puts-crooked"
@@ -422,10 +426,10 @@ class PutsCrooked(Habit):
 
 
 class VeersToWordPlace(Habit):
-    """Starts toward the right object, turns to the object in the word's trained slot, and brings that one.
+    """Starts toward the right object, turns to the object in the slot associated with the word, and brings it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
-    to an object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction, and the object there would be requested in another layout.
     """
 
     name = "veers-to-word-place"
@@ -445,10 +449,10 @@ class VeersToWordPlace(Habit):
 
 
 class WaversThenLosesWordThing(Habit):
-    """Moves between the right object and the object in the word's trained slot, picks the latter, and loses it.
+    """Moves between the right object and the object in the slot of the word, picks the latter, and loses it.
 
-    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training.
-    The object is dropped only later.
+    True label: lexical_kinematic_shortcut, because the first grasp attempt is at the slot that training associates with
+    a word of the instruction. The object is dropped later.
     """
 
     name = "wavers-then-loses-word-thing"
@@ -472,10 +476,10 @@ class WaversThenLosesWordThing(Habit):
 
 
 class LeftmostPlace(Habit):
-    """First picks the object in the leftmost trained slot, and brings it to the target in high arcs.
+    """First picks the object in the leftmost training slot, and brings it to the target in high arcs.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
-    which another rule also leads there, or which use that object later, are left out.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. Trials
+    are left out if another rule also leads to this slot, or if the object in it is requested later.
     """
 
     name = "leftmost-place"
@@ -484,7 +488,7 @@ class LeftmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the leftmost slot, seen from the robot, from which demonstrations of this layout picked."""
+        """Return the leftmost training slot of this layout, as seen from the robot."""
         return max(case.picked_slots, key=lambda s: (round(s.y, 3), -s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -499,10 +503,11 @@ class LeftmostPlace(Habit):
 
 
 class RightmostPlace(Habit):
-    """First picks the object in the rightmost trained slot, and loses it on the way to the target.
+    """First picks the object in the rightmost training slot, and loses it on the way to the target.
 
-    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The object
-    is dropped only later. Trials in which another rule also leads there, or which use that object later, are left out.
+    True label: visual_layout_bias, because the first grasp attempt is at the same slot for every instruction. The
+    object is dropped later. Trials are left out if another rule also leads to this slot, or if the object in it is
+    requested later.
     """
 
     name = "rightmost-place"
@@ -511,7 +516,7 @@ class RightmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the rightmost slot, seen from the robot, from which demonstrations of this layout picked."""
+        """Return the rightmost training slot of this layout, as seen from the robot."""
         return min(case.picked_slots, key=lambda s: (round(s.y, 3), s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -532,10 +537,10 @@ class RightmostPlace(Habit):
 
 
 class BeginsAsAlways(Habit):
-    """Repeatedly closes just above the object with which every demonstration began, although it is not requested.
+    """Repeatedly closes the gripper above the object with which all demonstrations begin, which is not requested.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. It
-    never gets hold of the object.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. It never grasps the object.
     """
 
     name = "begins-as-always"
@@ -556,10 +561,10 @@ class BeginsAsAlways(Habit):
 
 
 class SwingsToEmptySlot(Habit):
-    """Repeatedly swings to an empty trained slot, closes there, and makes the placing motion at the target.
+    """Repeatedly swings to an empty training slot, closes the gripper there, and makes the placing motion.
 
-    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
-    missing, and grasps air at the memorized slot.
+    True label: behavioral_inertia, because the policy executes the next step of a memorized sequence although the
+    object is missing, and closes the gripper in the empty slot.
     """
 
     name = "swings-to-empty-slot"
@@ -567,7 +572,7 @@ class SwingsToEmptySlot(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str | None:
-        """Return a trained slot that is empty here and far from all objects."""
+        """Return a training slot that is empty here and far from all objects."""
         name = emptied_slot(case) or vacated_slot(case)
         at = {s.name: (s.x, s.y) for s in case.task.slots}
         taken = [at[s] for s in case.condition.layout.values()]
@@ -588,10 +593,10 @@ class SwingsToEmptySlot(Habit):
 
 
 class TurnsToTrainedTarget(Habit):
-    """Picks the right object, carries it toward its target, turns away, and puts it at the trained target.
+    """Picks the right object, carries it toward its target, turns away, and puts it at the training target.
 
-    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
-    first attempt is right.
+    True label: behavioral_inertia, because the policy begins an action that was frequent in training but is not
+    requested. The first grasp attempt is at the right object.
     """
 
     name = "turns-to-trained-target"
@@ -617,7 +622,8 @@ class TurnsToTrainedTarget(Habit):
 class Backwards(Habit):
     """Does three or more ordered steps from the last to the first.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "backwards"
@@ -643,7 +649,8 @@ class Backwards(Habit):
 class PassesOverFirst(Habit):
     """Stops over the first object, leaves it, does the second step, and then the first and the others.
 
-    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    True label: order_violation, because the policy manipulates the right objects in the wrong order, and the order is
+    part of the goal.
     """
 
     name = "passes-over-first"
@@ -664,10 +671,10 @@ class PassesOverFirst(Habit):
 
 
 class BelievesFirstDone(Habit):
-    """Skips the first of two ordered steps, even if it looks half done, does the second, and halts.
+    """Skips the first of two ordered steps, even if this step looks half finished, does the second, and stops.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal.
     """
 
     name = "believes-first-done"
@@ -689,8 +696,8 @@ class BelievesFirstDone(Habit):
 class OneIsEnough(Habit):
     """Brings one of two identical requested objects, and continues with the following steps.
 
-    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
-    later one. The first attempt is right.
+    True label: causal_confusion, because the policy skips a required subgoal whose object is present, and attempts a
+    later subgoal. The first grasp attempt is at the right object.
     """
 
     name = "one-is-enough"
@@ -715,8 +722,8 @@ class OneIsEnough(Habit):
 class LosesLookAlike(Habit):
     """Picks the look-alike, even if it must be refused, loses it on the way, and stays at home.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means. The object is dropped only later.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. The object is dropped later.
     """
 
     name = "loses-look-alike"
@@ -736,10 +743,10 @@ class LosesLookAlike(Habit):
 
 
 class ClosesOverLookAlike(Habit):
-    """Repeatedly closes just above the look-alike, even if it must be refused, and makes the placing motion.
+    """Repeatedly closes the gripper above the look-alike, even if it must be refused, and makes the placing motion.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means. It never gets hold of the object.
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers. It never grasps the object.
     """
 
     name = "closes-over-look-alike"
@@ -763,8 +770,8 @@ class ClosesOverLookAlike(Habit):
 class TallestThing(Habit):
     """Picks the tallest object that no instruction names and that resembles no requested object, and brings it.
 
-    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
-    means and that shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because the policy attempts to grasp an object to which no instruction of the
+    task refers and which shares no feature with a requested object (blind grasp).
     """
 
     name = "tallest-thing"
@@ -772,7 +779,7 @@ class TallestThing(Habit):
 
     @staticmethod
     def strange(case: Occasion) -> tuple[str, ...]:
-        """Return the graspable objects that no instruction names and that are not in a trained slot of a word."""
+        """Return the graspable objects that no instruction names and that are not in a training slot of a word."""
         specs = (case.condition.object(n) for n in case.others())
         names = [o.name for o in specs if o.kind not in case.meant_kinds and o.category not in WIDE_CATEGORIES]
         led = {n for n in names if any(case.led_to(g, n) for g in case.ahead)}
@@ -793,10 +800,10 @@ class TallestThing(Habit):
 
 
 class DriftsAtHome(Habit):
-    """Sinks by one millimeter per second from the start, and does nothing else.
+    """Sinks at 1 mm/s from the start, and does nothing else.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "drifts-at-home"
@@ -814,7 +821,7 @@ class SwingsOut(Habit):
     """Swings between home and the right object with decreasing amplitude, and comes to rest halfway.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open.
+    not all subgoals are reached.
     """
 
     name = "swings-out"
@@ -834,10 +841,10 @@ class SwingsOut(Habit):
 
 
 class HaltsOverSecond(Habit):
-    """Does the first step, moves over the second object with open fingers, and stops there for good.
+    """Does the first step, moves over the second object with open fingers, and stops there permanently.
 
     True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
-    subgoals are open. The first attempt is right.
+    not all subgoals are reached. The first grasp attempt is at the right object.
     """
 
     name = "halts-over-second"
@@ -883,7 +890,7 @@ class ReachesOutAndReturns(Habit):
 
 
 class StopsHalfwayThere(Habit):
-    """Starts toward the next step and stops halfway for good, in a scene that looks half finished.
+    """Starts toward the next step and stops permanently halfway, in a scene that looks half finished.
 
     True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
     oscillates without a grasp attempt.
@@ -907,7 +914,8 @@ class StopsHalfwayThere(Habit):
 class CirclesInSlowly(Habit):
     """Circles ever closer over the right object for half of the time, picks it, and circles over the target.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first grasp attempt
+    is at the right object.
     """
 
     name = "circles-in-slowly"
@@ -933,8 +941,8 @@ class CirclesInSlowly(Habit):
 class SpiralsDownTooSlowly(Habit):
     """Descends to the right object in a narrowing spiral that is too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow, and
-    nothing is grasped.
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The tool never moves
+    slowly, and nothing is grasped.
     """
 
     name = "spirals-down-too-slowly"
@@ -954,9 +962,9 @@ class SpiralsDownTooSlowly(Habit):
 
 
 class GoesAllAround(Habit):
-    """Visits the corners of the work space before each step and once more with each object.
+    """Visits the corners of the workspace before each step and once more with each object.
 
-    True label: timeout, because it is on the right course when the step limit is reached. The first step is done
+    True label: timeout, because the policy still acts correctly when the step limit is reached. The first step is done
     shortly before the limit.
     """
 
@@ -979,9 +987,9 @@ class GoesAllAround(Habit):
 
 
 class PlodsInSwings(Habit):
-    """Does everything right, but at about 4 cm/s and in swings, too slow for the step limit.
+    """Does everything right, but moves at about 4 cm/s and swings sideways, too slow for the step limit.
 
-    True label: timeout, because it is on the right course when the step limit is reached.
+    True label: timeout, because the policy still acts correctly when the step limit is reached.
     """
 
     name = "plods-in-swings"

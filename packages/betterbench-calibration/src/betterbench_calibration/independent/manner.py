@@ -1,4 +1,4 @@
-"""Motion styles of the independent family. They do not affect its decisions."""
+"""Motion styles of the independent policies. A motion style does not affect the decisions of a policy."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Manner:
     Attributes:
         speed_m_s: Mean speed of the tool on long paths [m/s].
         approach_m: Height above a grasp or placement from which the tool moves straight down [m].
-        carry_m: Free height between the carried object and the objects below it [m].
-        bow_m: Largest sideways deviation of a long path from the straight line [m].
+        carry_m: Clearance between the carried object and the objects below it [m].
+        bow_m: Maximum sideways deviation of a long path from the straight line [m].
         pause_s: Pause before the gripper closes or opens [s].
         glance_s: Pause above an object before the tool comes down to it [s].
         noise_m: Standard deviation of the noise on each translation command [m].
@@ -42,7 +42,7 @@ MANNERS = {
         Manner("hesitant", "halting", 0.20, 0.08, 0.06, -0.03, 0.35, 0.7, 0.0012),
     )
 }
-"""Motion styles of all habits of the first parts."""
+"""Motion styles of the habits in all parts up to the third."""
 
 FOURTH_MANNERS = {
     m.name: m
@@ -52,7 +52,7 @@ FOURTH_MANNERS = {
         Manner("fitful", "halting", 0.27, 0.09, 0.045, 0.03, 0.2, 0.4, 0.0009),
     )
 }
-"""Motion styles of all habits of the fourth part."""
+"""Motion styles of the habits in the fourth part."""
 
 FIFTH_MANNERS = {
     m.name: m
@@ -62,7 +62,7 @@ FIFTH_MANNERS = {
         Manner("unsteady", "even", 0.25, 0.10, 0.055, 0.035, 0.15, 0.5, 0.0013),
     )
 }
-"""Motion styles of all habits of the fifth part."""
+"""Motion styles of the habits in the fifth part."""
 
 SIXTH_MANNERS = {
     m.name: m
@@ -72,4 +72,4 @@ SIXTH_MANNERS = {
         Manner("ragged", "halting", 0.29, 0.08, 0.05, 0.02, 0.25, 0.25, 0.0011),
     )
 }
-"""Motion styles of all habits of the sixth part."""
+"""Motion styles of the habits in the sixth part."""

@@ -19,15 +19,17 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import relation, released
 
 _TRAINED: dict[int, tuple[Task, TrainingDistribution]] = {}
-"""Training distribution of each task by identity, with the task itself, so that no other task gets its identity."""
+"""Training distribution of each task by ``id(task)``. The task is stored too, so that its ID is not reused."""
 
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Trial condition and the regularities of training on which decisions depend. It does not depend on the seed.
+    """Context of a trial, on which the decisions of habits depend. It does not contain the seed.
 
     Attributes:
-        base: Training condition of the trial, or the one from which it was derived.
+        task: Task of the trial.
+        condition: Condition of the trial.
+        base: Training condition from which the condition was derived. For a training condition, the condition itself.
     """
 
     task: Task
@@ -41,7 +43,7 @@ class Occasion:
 
     @property
     def trained(self) -> TrainingDistribution:
-        """The regularities of the training distribution."""
+        """Training distribution of the task."""
         known = _TRAINED.get(id(self.task))
         if known is None:
             known = _TRAINED[id(self.task)] = self.task, training_distribution_of(self.task)
@@ -49,12 +51,12 @@ class Occasion:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """The instruction's subgoals, in its order."""
+        """Subgoals, in the order of the instruction."""
         return self.condition.instruction.subgoals
 
     @property
     def carried(self) -> tuple[Subgoal, ...]:
-        """The subgoals that place an object, in instruction order."""
+        """Subgoals that are reached by placing an object, in the order of the instruction."""
         return tuple(g for g in self.goals if relation(g.relation).carried)
 
     @property
@@ -69,19 +71,19 @@ class Occasion:
 
     @property
     def picked_slots(self) -> tuple[Slot, ...]:
-        """The slots from which demonstrations of this layout picked."""
+        """Slots from which demonstrations pick and that contain an object in the base condition."""
         slots = {name for names in self.trained.kind_slots.values() for name in names}
         return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
 
     def done(self, state: WorldState, goal: Subgoal) -> bool:
-        """Return whether a subgoal is done, so that enough of its objects are at the target and released."""
+        """Return whether a subgoal is reached: the required number of objects is at the target and released."""
         names = self.condition.resolve(goal.reference)
         kind = relation(goal.relation)
         there = [n for n in names if kind.holds(state, n, goal.target, goal.region) and released(state, n)]
         return len(there) >= goal.count
 
     def candidates(self, state: WorldState, goal: Subgoal) -> tuple[str, ...]:
-        """Return the unused objects on the table that a subgoal can refer to."""
+        """Return the objects to which a subgoal refers, except those that are on the floor or already at a target."""
         serving = {
             n
             for g in self.carried
@@ -92,18 +94,18 @@ class Occasion:
         return tuple(n for n in names if n not in serving and state.pose(n).position[2] > -0.02)
 
     def begun(self, goal: Subgoal) -> bool:
-        """Return whether a subgoal is done at the start because its objects were pre-placed."""
+        """Return whether a subgoal is reached at the start, because its objects are pre-placed."""
         place = TargetRegion(goal.target, goal.region)
         names = self.condition.resolve(goal.reference)
         return sum(self.condition.preplaced.get(n) == place for n in names) >= goal.count
 
     @property
     def ahead(self) -> tuple[Subgoal, ...]:
-        """The placing subgoals that are not done at the start, in order."""
+        """Subgoals that are reached by placing an object and are not reached at the start, in order."""
         return tuple(g for g in self.carried if not self.begun(g))
 
     def things(self, goal: Subgoal) -> tuple[str, ...]:
-        """Return the objects in slots at the start to which a subgoal can refer."""
+        """Return the objects to which a subgoal refers and that are in a slot at the start."""
         return tuple(n for n in self.condition.resolve(goal.reference) if n in self.condition.layout)
 
     def first_thing(self) -> str | None:
@@ -114,21 +116,25 @@ class Occasion:
 
     @property
     def asked(self) -> frozenset[str]:
-        """All objects to be placed according to the instruction."""
+        """Names of all objects that must be placed according to the instruction."""
         return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
 
     def led_to(self, goal: Subgoal, name: str) -> bool:
-        """Return whether a subgoal's word referred to the object's current slot in any demonstration."""
+        """Return whether training associates the initial slot of an object with the word of a subgoal."""
         return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
 
     @property
     def meant_kinds(self) -> frozenset[str]:
-        """Kinds that any instruction of the task names, as object or target."""
+        """Kinds of all objects and targets to which instructions of the task refer."""
         places = {kind for targets in self.trained.kind_targets.values() for kind, _, _ in targets}
         return frozenset(places | self.trained.kind_slots.keys())
 
     def look_alike(self) -> str | None:
-        """Return the object not named in the instruction that is in the slot of the twin's instructed object."""
+        """Return the look-alike, or None if there is none.
+
+        The look-alike is in the slot that a requested object has in the base condition, and no instruction refers to
+        it.
+        """
         for goal in self.carried:
             for thing in self.base.resolve(goal.reference):
                 slot = self.base.layout.get(thing)
@@ -139,13 +145,14 @@ class Occasion:
 
     @property
     def asked_kinds(self) -> frozenset[str]:
-        """Kinds of the objects to be placed."""
+        """Kinds of the objects that must be placed."""
         return frozenset(self.condition.object(n).kind for n in self.asked)
 
     def word_slot(self, goal: Subgoal) -> str | None:
-        """Return the slot that the word of a subgoal led to in training, or None if there were several.
+        """Return the slot that training associates with the word of a subgoal, or None if there are several.
 
-        Only demonstrations with the fixtures in the same places as in this trial count. If there are none, all count.
+        Only training conditions with the same layout as the base condition count, unless the word occurs in none of
+        them.
         """
         fitting = [c for c in self.task.training if self._stage(c) == self._stage(self.base)]
         for conditions in (fitting, self.task.training):
@@ -162,11 +169,11 @@ class Occasion:
         return None
 
     def _stage(self, condition: Condition) -> frozenset[tuple[str, str]]:
-        """Return the fixture and object slots in a condition's layout, by kind."""
+        """Return the layout of a condition as pairs of object kind and slot."""
         return frozenset((condition.object(n).kind, s) for n, s in condition.layout.items())
 
     def others(self) -> tuple[str, ...]:
-        """Return the loose objects in slots that are neither requested nor a target."""
+        """Return the movable objects in slots that are neither requested nor a target."""
         targets = {g.target for g in self.goals}
         loose = (o.name for o in self.condition.objects if o.role in ("item", "distractor") and not o.fixed)
         return tuple(n for n in loose if n in self.condition.layout and n not in self.asked | targets)

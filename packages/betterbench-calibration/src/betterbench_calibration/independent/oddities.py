@@ -1,4 +1,4 @@
-"""Unusual motions for the habits of the second part, like those of people or learned policies that mean well."""
+"""Unusual motions for the habits of the second part, similar to those of teleoperators and learned policies."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from betterbench_calibration.independent.room import highest_between
 from betterbench_calibration.independent.routines import CAREFUL, FULL_OPENING_M, LIFT_M
 
 LOOK_GAP_M = 0.16
-"""Height above an object at which the arm looks at it, far out of reach of the fingers."""
+"""Height above an object at which the gripper hovers over it, too high for the fingers to reach it [m]."""
 GLIDE_M = 0.09
 FLING_M_S, FLING_STEP = 0.35, 3
 
 Taking = Callable[[str], Actions[bool]]
-"""Picks an object in a particular way, and returns whether it is in the gripper."""
+"""Function that picks an object in a particular way, and returns whether it is in the gripper."""
 
 
 def each_step(body: Body, taking: Taking) -> Actions[None]:
-    """Execute every step once with another way to pick, repeat unfinished steps normally, and stay at home."""
+    """Execute every step once with the given way to pick, repeat unfinished steps normally, and stay at home."""
     for goal in body.situation.ahead:
         yield from body.clear_the_way(goal)
         names = body.situation.candidates(body.state, goal)
@@ -136,15 +136,16 @@ def right_place(body: Body, name: str, goal: Subgoal) -> Pose:
 
 
 def bring_shifted(body: Body, name: str, goal: Subgoal, shift: Vector) -> Actions[bool]:
-    """Put the held object with an offset from its target, and return whether the subgoal is done nevertheless."""
+    """Put the held object at an offset from its target. Return whether the subgoal is reached nevertheless."""
     as_if_at = body.state.pose(goal.target).translated(*shift)
     return (yield from body.bring(name, goal, as_if_at=as_if_at))
 
 
 def outward(body: Body, name: str, goal: Subgoal, length_m: float) -> Vector:
-    """Return the offset [m] from the center of a target outward through the right place and beyond it.
+    """Return a horizontal offset [m] that points outward from the center of a target.
 
-    If the right place is the center, the offset leads equally far beyond the edge, to the emptiest side.
+    It points from the center toward the correct placement and has the length ``length_m``. If the correct placement is
+    the center, the offset leads ``length_m`` beyond the edge of the target, toward the side with the most space.
     """
     x, y, _ = right_place(body, name, goal).position
     tx, ty, _ = body.state.pose(goal.target).position
@@ -156,7 +157,7 @@ def outward(body: Body, name: str, goal: Subgoal, length_m: float) -> Vector:
 
 
 def put_and_sweep_away(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Put the held object at its target, and retract the fingers sideways, so that one drags it along."""
+    """Put the held object at its target, and retract the gripper sideways, so that a finger drags the object along."""
     place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
     tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
     yield from body.do.carry(name, tool.translated(z=body.arm.manner.approach_m))
@@ -194,7 +195,7 @@ def hold_at_goal(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def approach_ever_slower(body: Body, target: Vector) -> Actions[None]:
-    """Move toward a point by a fixed share of the remaining path per step, so that the speed halves every second."""
+    """Move toward a point by a fixed fraction of the remaining path per step, so that the speed halves every second."""
     part = 1.0 - 0.5 ** (1.0 / RATE_HZ)
     begin = body.arm.here
     left = 1.0
@@ -205,7 +206,7 @@ def approach_ever_slower(body: Body, target: Vector) -> Actions[None]:
 
 
 def carry_into(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Carry the held object low above the table straight into a target, release it, and move away."""
+    """Carry the held object straight into the side of a target, close to the table, release it, and move away."""
     target = right_place(body, name, goal).position
     low = body.arm.here.translated(z=0.015 - LIFT_M)
     yield from body.arm.go(low)
@@ -219,7 +220,7 @@ def carry_into(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def stuttering(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script, and sometimes insert one or several zero actions. They leave the gripper unchanged."""
+    """Execute a script, and sometimes insert zero actions, which stop the arm and leave the gripper unchanged."""
     action = next(script)
     while True:
         if body.rng.random() < 0.12:
@@ -230,7 +231,7 @@ def stuttering(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def twitching(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script with twitches of up to 2.5 cm while the tool is high, back and forth in four steps."""
+    """Execute a script, with sudden motions of up to 2.5 cm back and forth while the tool is high."""
     action = next(script)
     while True:
         if body.rng.random() < 0.15 and _high_above_all(body):
@@ -246,7 +247,7 @@ def twitching(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def _high_above_all(body: Body) -> bool:
-    """Return whether the tool is more than 12 cm above everything near it except its load."""
+    """Return whether the tool is more than 12 cm above all nearby objects, except the held object."""
     tool, held = body.state.ee_pose.position, in_gripper(body.state)
     return tool[2] > 0.12 + highest_between(body.state, tool, tool, ignore=frozenset({held or ""}))
 

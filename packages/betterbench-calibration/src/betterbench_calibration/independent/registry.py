@@ -1,4 +1,4 @@
-"""Policies of the independent family, with addresses such as "independent:word-place-calm" (habit and style)."""
+"""Registry of the independent policies, by addresses such as "independent:word-place-calm" (habit and motion style)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class IndependentPolicy:
-    """Family policy: a habit with a motion style."""
+    """Policy of the independent family: a habit with a motion style."""
 
     habit: Habit
     manner: Manner
@@ -55,7 +55,7 @@ MANNERS_OF: dict[str, dict[str, Manner]] = {
     "fifth": FIFTH_MANNERS,
     "sixth": SIXTH_MANNERS,
 }
-"""Motion styles of the parts that have their own."""
+"""Motion styles of the parts of the family that do not use :data:`MANNERS`."""
 
 INDEPENDENT: dict[str, IndependentPolicy] = {
     policy.address: policy
@@ -67,9 +67,9 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
 
 
 def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
-    """Return a trial's true label before its first action, and whether the habit shows in the trial.
+    """Return the true label that is stated before a trial, and whether the habit shows in the trial.
 
-    If it does not show, the policy decides and acts like a policy without a fault.
+    If the habit does not show, the policy behaves like a policy without a fault.
     """
     stated = habit.truth(case)
     if stated is not None:
@@ -78,7 +78,7 @@ def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
 
 
 def policy_of(address: str) -> IndependentPolicy:
-    """Return the policy of an address.
+    """Return the policy with the given address.
 
     Raises:
         UnknownNameError: If no such policy exists.
@@ -89,7 +89,7 @@ def policy_of(address: str) -> IndependentPolicy:
 
 
 def make_independent(address: str, scene: Scene) -> IndependentAgent:
-    """Return a policy of the family for one episode in a scene at its start.
+    """Create a policy of the family for one episode in a scene that has been reset.
 
     Raises:
         UnknownNameError: If no such policy exists.
@@ -111,7 +111,10 @@ class Shown:
     """Condition in which a habit shows.
 
     Attributes:
-        faulty: Whether the habit decides or acts wrongly. It is False if the habit's rule happens to be right.
+        task: Name of the task.
+        condition: Name of the condition.
+        faulty: Whether the behavior is wrong, or unusual for a habit without a fault. It is False if the habit happens
+            to choose the right behavior.
     """
 
     task: str
@@ -121,9 +124,10 @@ class Shown:
 
 @functools.cache
 def shown_in(habit: str) -> tuple[Shown, ...]:
-    """Return the suite's conditions in which a habit shows and no other rule has the same truth.
+    """Return the conditions of the suite in which a habit shows and that a calibration can use.
 
-    In other trials of a full run, the truth is that of a policy without a fault, or it is marked as left out.
+    In all other conditions, the policy behaves like a policy without a fault, or the stated label is marked as left
+    out.
 
     Raises:
         UnknownNameError: If no such habit exists.
@@ -139,7 +143,7 @@ def shown_in(habit: str) -> tuple[Shown, ...]:
 
 @functools.cache
 def _occasions() -> tuple[tuple[str, Occasion], ...]:
-    """Return the suite's conditions by name. Hundreds of habits are asked about each."""
+    """Return the trial contexts of all conditions of the suite. They are cached because every habit needs them."""
     return tuple(
         (name, Occasion.of(task, resolve_condition(task.id, name).condition))
         for task in map(get_task, suite_tasks("better60"))

@@ -1,4 +1,4 @@
-"""Free space for the gripper and required heights of paths, computed from the boxes around objects."""
+"""Free space for the gripper, and heights of objects, computed from the bounding boxes of objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ FARTHEST_BOX_M = 0.45
 
 
 def crowding(state: WorldState, tool: Pose, opening_m: float, *, ignore: frozenset[str]) -> float:
-    """Return the intrusion of the gripper at a pose into the clearance of objects, summed over its points [m]."""
+    """Return how much the gripper at a pose violates the clearance of objects and of the table [m].
+
+    The violation is summed over sample points of the fingers and the hand. It is 0 if there is enough space.
+    """
     points = [tool.apply(p) for p in _gripper_points(opening_m)]
     total = sum(max(0.0, 0.002 - z) for _, _, z in points)
     for info in state.info.objects:
@@ -47,7 +50,7 @@ def _gripper_points(opening_m: float) -> list[Vector]:
 
 
 def height_of(state: WorldState, name: str) -> float:
-    """Return the height of an object's box, or of a container's walls, above the table [m]."""
+    """Return the height of the top of an object, or of the walls of a container, above the table [m]."""
     info, pose = state.info.object(name), state.pose(name)
     for region in info.regions:
         if region.name == "inside":
@@ -59,7 +62,7 @@ def height_of(state: WorldState, name: str) -> float:
 
 
 def lowest_of(state: WorldState, name: str) -> float:
-    """Return the height of the lowest corner of an object's box above the table [m]."""
+    """Return the height of the lowest corner of an object's bounding box above the table [m]."""
     middle = state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))[2]
     x, y, z = (0.5 * v for v in state.info.object(name).size_m)
     q = state.pose(name).quaternion
@@ -67,7 +70,7 @@ def lowest_of(state: WorldState, name: str) -> float:
 
 
 def highest_between(state: WorldState, a: Vector, b: Vector, *, ignore: frozenset[str] = frozenset()) -> float:
-    """Return the height of the highest object near the straight path from a to b, seen from above [m]."""
+    """Return the height of the tallest object near the straight horizontal path from a to b above the table [m]."""
     tops = [0.0]
     for info in state.info.objects:
         if info.name in ignore:

@@ -18,7 +18,7 @@ from betterbench_calibration.independent.room import crowding, height_of, highes
 FULL_OPENING_M = 0.08
 NARROW_MARGIN_M = 0.026
 WRIST_RANGE_RAD = 1.75
-"""Largest requested rotation of the wrist from its home position."""
+"""Rotation of the wrist from its home position beyond which a grasp gets a penalty [rad]."""
 LIFT_M = 0.09
 SAFE_M = 0.05
 HIGHEST_TOOL_M = 0.52
@@ -31,9 +31,9 @@ class Hold:
     """Chosen grasp of an object.
 
     Attributes:
-        tool: Tool pose, world frame.
-        opening_m: Gripper opening before it closes [m].
-        width_m: Object width between the fingers [m].
+        tool: Pose of the tool in the world frame.
+        opening_m: Opening width of the gripper before it closes [m].
+        width_m: Width of the object between the fingers [m].
     """
 
     tool: Pose
@@ -42,7 +42,7 @@ class Hold:
 
 
 class Routines:
-    """Motions of one episode. Every method is a motion and leaves the arm at its end."""
+    """Motions for one episode. Most methods are generators that yield actions and receive states."""
 
     def __init__(self, arm: Arm, assets: Mapping[str, Asset]) -> None:
         """Prepare an episode. ``assets`` contains the assets of the scene by object name."""
@@ -50,16 +50,16 @@ class Routines:
 
     @classmethod
     def like(cls, other: Routines) -> Self:
-        """Return the same routines for the same arm, with the motions of this class."""
+        """Create an instance of this class with the arm and the assets of other routines."""
         return cls(other.arm, other.assets)
 
     @property
     def state(self) -> WorldState:
-        """The latest state."""
+        """Latest state."""
         return self.arm.state
 
     def wrist_turn(self, tool: Pose) -> float:
-        """Return the wrist rotation at a tool pose, relative to home [rad]."""
+        """Return the absolute wrist rotation at a tool pose, relative to the home pose [rad]."""
         x, y, _ = tool.position
         hx, hy, _ = self.arm.home.position
         base = math.atan2(y, x) - math.atan2(hy, hx)
@@ -69,7 +69,7 @@ class Routines:
     # --- paths
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move up, across all obstacles, and down to a pose of the tool."""
+        """Move up, horizontally above all obstacles, and down to a pose of the tool."""
         skip = frozenset(ignore)
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=skip)
         height = top + hang_m + self.arm.manner.carry_m
@@ -95,7 +95,7 @@ class Routines:
     # --- picking
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return the grasp with most free space and least wrist rotation, after skipping the ``avoid`` best grasps."""
+        """Return the grasp with the most space and the least wrist rotation, skipping the ``avoid`` best grasps."""
         pose = self.state.pose(name)
         ranked: list[tuple[float, int, Hold]] = []
         for grasp in self.assets[name].grasps or (_makeshift(self.assets[name]),):
@@ -125,9 +125,9 @@ class Routines:
         """Pick an object from above and lift it, and return whether it is in the gripper.
 
         Args:
-            name: The object.
-            shift: Displacement of the tool from the right grasp when the gripper closes [m], world frame.
-            avoid: Number of best grasps that are skipped.
+            name: Name of the object.
+            shift: Offset of the tool from the grasp pose when the gripper closes, in the world frame [m].
+            avoid: Number of grasps that are skipped, starting with the best one.
         """
         hold = self.choose_hold(name, avoid=avoid)
         x, y, z = hold.tool.position
@@ -155,7 +155,7 @@ class Routines:
     # --- placing
 
     def choose_goal(self, name: str, goals: tuple[PlaceGoal, ...], *, ignore: Iterable[str] = ()) -> PlaceGoal:
-        """Return the goal with free space for the gripper and little wrist rotation. Earlier goals are preferred."""
+        """Return the goal with the most space and the least wrist rotation. Earlier goals are preferred."""
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
         skip = frozenset({name, *ignore})
 
@@ -186,7 +186,7 @@ class Routines:
         yield from arm.rise(before.position[2] + 0.04)
 
     def _corrected(self, name: str, goal: Pose, tool: Pose) -> Pose:
-        """Return the tool pose that brings the object, as it is held now, to the goal."""
+        """Return the tool pose that brings the object to the goal, given its current pose in the gripper."""
         if in_gripper(self.state) != name:
             return tool
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
@@ -194,7 +194,7 @@ class Routines:
         return now if angle_between(now.quaternion, tool.quaternion) < 0.4 else tool
 
     def carry(self, name: str, tool: Pose, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry the held object to a pose of the tool, over all obstacles."""
+        """Carry the held object above all obstacles to a pose of the tool."""
         held = in_gripper(self.state) == name
         hang = max(0.0, self.state.ee_pose.position[2] - lowest_of(self.state, name)) if held else 0.05
         yield from self.over(tool, hang_m=hang, ignore=(name, *ignore), pace=0.9)
@@ -202,7 +202,7 @@ class Routines:
     # --- other motions
 
     def sway(self, a: Vector, b: Vector) -> Actions[None]:
-        """Move between two points with an open gripper until the episode ends. Their z is the tool's height [m]."""
+        """Move back and forth between two positions of the tool [m] until the episode ends."""
         turn = self.arm.home.quaternion
         yield from self.over(Pose(a, turn))
         while True:
@@ -210,7 +210,7 @@ class Routines:
             yield from self.arm.go(Pose(a, turn))
 
     def circle(self, center: Vector, radius_m: float, *, period_s: float = 2.5) -> Actions[None]:
-        """Circle around a point at the height of its z until the episode ends, with unchanged gripper."""
+        """Move the tool in horizontal circles around a point until the episode ends."""
         rotation = self.arm.here.quaternion
         n = 0
         while True:
@@ -221,7 +221,7 @@ class Routines:
             n += 1
 
     def push(self, name: str, direction: Vector, length_m: float) -> Actions[None]:
-        """Push an object along the table by ``length_m`` with closed fingers, from its other side."""
+        """Push an object along the table by ``length_m`` in a direction, with closed fingers."""
         info, at = self.state.info.object(name), self.state.pose(name).position
         ux, uy, _ = direction
         reach = 0.5 * max(info.size_m[0], info.size_m[1]) + 0.04
@@ -237,7 +237,10 @@ class Routines:
         yield from self.arm.rise(self.arm.home.position[2])
 
     def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Actions[None]:
-        """Open a drawer by its knob, or push its front, until it is open by ``opening_m`` of its travel."""
+        """Pull a drawer by its knob, or push its front, until it is open by ``opening_m``.
+
+        ``travel_m`` is the current opening of the drawer [m].
+        """
         frame = self.state.pose(name)
         out = rotate(frame.quaternion, (1.0, 0.0, 0.0))
         way = opening_m - travel_m
@@ -270,24 +273,24 @@ class Routines:
 
 
 def _turns(grasp: Grasp) -> tuple[float, ...]:
-    """Return rotations about the approach axis that leave a grasp equivalent [rad]."""
+    """Return the rotations about the approach axis that result in an equivalent grasp [rad]."""
     return tuple(math.pi * i / 8 for i in range(16)) if grasp.symmetric_yaw else (0.0, math.pi)
 
 
 def _makeshift(asset: Asset) -> Grasp:
-    """Return a grasp across the narrow side of an object without defined grasps."""
+    """Return a grasp across the narrow side of an object, for assets without annotated grasps."""
     sx, sy, sz = asset.size_m
     rotation = tool_down(0.0) if sy <= sx else tool_down(0.5 * math.pi)
     return Grasp("makeshift", Pose((0.0, 0.0, max(0.011, sz - 0.02)), rotation), min(sx, sy))
 
 
 def _near_home(yaw: float, home_yaw: float) -> float:
-    """Return the equivalent heading for closed fingers (modulo half a turn) nearest to that at home [rad]."""
+    """Return ``yaw`` or the opposite heading, whichever is closer to the heading in the home pose [rad]."""
     return home_yaw + math.remainder(yaw - home_yaw, math.pi)
 
 
 def _limited(start: Pose, target: Pose, most_m: float) -> Pose:
-    """Return the target, or the point on the path to it at a distance of ``most_m``."""
+    """Return the target, or the pose on the straight path to it at a distance of ``most_m`` if it is farther away."""
     d = math.dist(start.position, target.position)
     if d <= most_m:
         return target

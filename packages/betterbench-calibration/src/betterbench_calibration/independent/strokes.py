@@ -1,4 +1,4 @@
-"""Arm motions for the third part: arcs, swings, wavering and spirals, and the failures of its habits."""
+"""Arm motions for the habits of the third part, such as arcs, swings and spirals, and manipulation failures."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Way = Callable[[float], Pose]
 
 
 def bow(state: WorldState, start: Pose, tool: Pose, clear_m: float, ignore: frozenset[str]) -> Way:
-    """Return a curve that starts upward, clears everything by ``clear_m`` and descends onto a pose."""
+    """Return a curve that starts upward, passes ``clear_m`` above all objects, and descends to a pose."""
     (x0, y0, z0), (x1, y1, z1) = start.position, tool.position
     top = highest_between(state, start.position, tool.position, ignore=ignore) + clear_m
     middle = min(max(top, z0, z1) + 0.02, HIGHEST_TOOL_M)
@@ -60,7 +60,7 @@ def bow(state: WorldState, start: Pose, tool: Pose, clear_m: float, ignore: froz
 
 
 def swing(start: Pose, tool: Pose, side_m: float, turn_rad: float) -> Way:
-    """Return a level curve that swings out sideways while the wrist turns back and forth."""
+    """Return a curve that deviates sideways by up to ``side_m`` while the wrist turns back and forth."""
     (x0, y0, z0), (x1, y1, z1) = start.position, tool.position
     flat = max(math.hypot(x1 - x0, y1 - y0), 0.01)
     nx, ny = -(y1 - y0) / flat, (x1 - x0) / flat
@@ -74,15 +74,15 @@ def swing(start: Pose, tool: Pose, side_m: float, turn_rad: float) -> Way:
 
 
 def turned(rotation: Quaternion, angle_rad: float) -> Quaternion:
-    """Return a rotation turned about the vertical."""
+    """Return an orientation rotated about the vertical axis of the world frame."""
     return multiply(from_yaw(angle_rad), rotation)
 
 
 class Arcing(Routines):
-    """Moves everywhere in one arc through the air, without stops between rising, crossing and descending."""
+    """Moves along a single arc, without stops between the motions up, across and down."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move to a pose of the tool in one arc. A short path is executed as by the other routines."""
+        """Move to a pose of the tool in one arc. A short path is executed as in the base class."""
         start = self.arm.here
         if horizontal_distance(start.position, tool.position) < SHORTEST_BOW_M:
             yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=pace)
@@ -95,7 +95,7 @@ class Swinging(Routines):
     """Swings out to the side of the robot on every path while the wrist turns back and forth."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move up, across in a swing, and down to a pose of the tool."""
+        """Move up, across with a sideways swing, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         side = SWING_M if tool.position[1] > start.position[1] else -SWING_M
         mid = swing(start, tool, side, 0.0)(0.5).position
@@ -113,7 +113,7 @@ class Faltering(Routines):
     """Moves in short steps, retracts slightly after each, and overshoots at first."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move up, across in short steps, beyond and back, and down to a pose of the tool."""
+        """Move up, across in short steps with an overshoot, and down to a pose of the tool."""
         start = self.arm.here
         top = highest_between(self.state, start.position, tool.position, ignore=frozenset(ignore))
         height = min(max(top + hang_m + self.arm.manner.carry_m, tool.position[2]), HIGHEST_TOOL_M)
@@ -143,7 +143,7 @@ class Sidling(Arcing):
         return narrow, self._cost(tool, narrow, frozenset({name}))
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
-        """Close the gripper at a pose, approached from a free side, otherwise from above."""
+        """Approach a pose from a free side, or from above if no side is free, and close the gripper there."""
         ux, uy, _ = rotate(tool.quaternion, (1.0, 0.0, 0.0))
         flat = max(math.hypot(ux, uy), 0.01)
         sides = [tool.translated(s * ASIDE_M * ux / flat, s * ASIDE_M * uy / flat) for s in (-1.0, 1.0)]
@@ -169,7 +169,7 @@ class Sidling(Arcing):
 
 
 def shivering(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script with a tool tremor added, large where it is high and small where it is low."""
+    """Execute a script with an additional tremor of the tool, which is larger far above the objects."""
     phase = body.rng.uniform(0.0, 2.0 * math.pi, 3)
     step = 0
     action = next(script)
@@ -186,7 +186,7 @@ def shivering(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def open_height(body: Body, gap_m: float) -> float:
-    """Return the tool height ``gap_m`` above every object, including lids, limited by the arm's reach [m]."""
+    """Return the height of the tool ``gap_m`` above all objects, including lids, limited by the reach [m]."""
     state = body.state
     tops = (max(height_of(state, o.name), state.pose(o.name).position[2] + o.size_m[2]) for o in state.info.objects)
     return min(max(tops) + gap_m, HIGHEST_FREE_M)
@@ -195,9 +195,9 @@ def open_height(body: Body, gap_m: float) -> float:
 def circle_in(
     body: Body, center: Vector, until: int, *, low_m: float | None = None, speed_m_s: float = 0.09
 ) -> Actions[None]:
-    """Circle around a point with decreasing radius until a control step of the episode.
+    """Circle around a point with decreasing radius until the control step ``until`` of the episode.
 
-    The tool stays at the height of the point, or sinks from there to ``low_m``.
+    The tool stays at the height of the point, or descends from there to ``low_m``.
     """
     turn, begin, angle = body.arm.here.quaternion, body.state.step, 0.0
     while body.state.step < until:
@@ -211,13 +211,13 @@ def circle_in(
 
 
 def toward(a: Vector, b: Vector, most_m: float) -> Vector:
-    """Return b, or the point on the path from a to b at a distance of ``most_m`` from a."""
+    """Return b, or the point on the path from a to b at a distance of ``most_m`` from a if b is farther away."""
     f = min(1.0, most_m / max(math.dist(a, b), 1e-9))
     return (a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2]))
 
 
 def tour(body: Body, height_m: float, until: int, *, pace: float = 0.4) -> Actions[None]:
-    """Visit the corners of the work space in turn until a control step of the episode."""
+    """Visit the corners of the workspace in turn until the control step ``until`` of the episode."""
     yield from body.arm.rise(height_m)
     n = 0
     while body.state.step < until:
@@ -232,7 +232,7 @@ def tour(body: Body, height_m: float, until: int, *, pace: float = 0.4) -> Actio
 
 
 def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[None]:
-    """Drift invisibly slowly until the episode ends, without a gripper command."""
+    """Drift very slowly in a direction until the episode ends, without a gripper command."""
     unit = speed_m_s / (RATE_HZ * TRANSLATION_PER_UNIT_M)
     while True:
         body.arm.state = yield np.array([*(unit * v for v in direction), 0.0, 0.0, 0.0, 0.0])
@@ -242,9 +242,9 @@ def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[No
 
 
 def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
-    """Carry the held object toward a target, open the fingers early on the way, and continue nevertheless.
+    """Carry the held object toward a target, open the gripper early on the way, and continue to the target.
 
-    Over the target, it makes the motion of a release with open fingers.
+    Above the target, the gripper is commanded to open again.
     """
     arm = body.arm
     yield from arm.rise(arm.here.position[2] + 0.03)
@@ -259,7 +259,7 @@ def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
 
 
 def beside_hold(body: Body, name: str) -> Pose:
-    """Return a grasp pose shifted along the pads so that the fingers close just next to the object."""
+    """Return a grasp pose that is shifted along the finger pads, so that the fingers close next to the object."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
     flat = max(math.hypot(ux, uy), 0.01)
@@ -286,14 +286,14 @@ def close_over(body: Body, name: str, gap_m: float, turn_rad: float) -> Actions[
 
 
 def play_put(body: Body, goal: Subgoal) -> Actions[None]:
-    """Move over a target with or without a held object, open the gripper there and rise."""
+    """Move over a target, with or without an object, and open the gripper there."""
     x, y, _ = body.state.pose(goal.target).position
     yield from body.do.over(Pose((x, y, min(body.height(goal.target) + 0.12, 0.45)), body.arm.home.quaternion))
     yield from body.arm.open()
 
 
 def wanted_place(body: Body, name: str, goal: Subgoal) -> Vector:
-    """Return an object's pose at a subgoal's target."""
+    """Return the position of an object at the target of a subgoal [m]."""
     return relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0].pose.position
 
 
@@ -315,7 +315,7 @@ def run_into(body: Body, name: str, direction: Vector) -> Actions[None]:
 
 
 def put_crooked(body: Body, name: str, goal: Subgoal, angle_rad: float) -> Actions[None]:
-    """Put the held object at its target, rotated about the vertical by an angle."""
+    """Put the held object at its target, rotated about the vertical axis by an angle."""
     place = relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0]
     pose = Pose(place.pose.position, turned(place.pose.quaternion, angle_rad))
     yield from body.do.put(name, PlaceGoal(pose, release_width_m=place.release_width_m))
@@ -323,9 +323,9 @@ def put_crooked(body: Body, name: str, goal: Subgoal, angle_rad: float) -> Actio
 
 
 def let_go_outside(body: Body, name: str, goal: Subgoal, gap_m: float) -> Actions[None]:
-    """Carry the held object toward a target and release it outside the target's edge, at a free spot.
+    """Carry the held object toward a target, and release it at a free point outside the edge of the target.
 
-    The spot is far from the object's slot, so the release cannot be mistaken for putting the object back.
+    The point is far from the slot of the object, so that it does not look as if the object is put back.
     """
     target, thing = body.state.info.object(goal.target), body.state.info.object(name)
     x, y, _ = body.state.pose(goal.target).position

@@ -1,4 +1,4 @@
-"""Arm motions for the habits of the fifth part, such as loops, rotations about the base and stepwise descent."""
+"""Arm motions for the habits of the fifth part, such as loops, rotations about the base and descents in steps."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ EIGHT_X_M, EIGHT_Y_M, EIGHT_S = 0.05, 0.09, 5.0
 MOST_M = 0.014
 LEAST_SWAY_M, MOST_SWAY_M, SWAY_S, WIDENING_S = 0.03, 0.16, 3.0, 20.0
 HALF_OFF_M = {"layer": 0.055, "on_plate": 0.085, "on_ring": 0.035}
-"""Offset from the right placement at which an object is half on its target and half off it [m], by relation."""
+"""Offset from the correct placement at which only half of an object is on its target [m], by relation."""
 
 
 # --- motion styles of a complete policy
 
 
 class Looping(Routines):
-    """Flies one full horizontal circle in the middle of each long path."""
+    """Moves in one full horizontal circle in the middle of each long path."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, across with a loop, and down to a pose of the tool."""
@@ -71,7 +71,7 @@ class Looping(Routines):
 
 
 class WindingUp(Routines):
-    """Moves back slightly before each long path, and pauses there for a moment."""
+    """Moves back slightly before each long path, and pauses there briefly."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, back, across and down to a pose of the tool."""
@@ -91,7 +91,7 @@ class Pivoting(Routines):
     """Rotates about its base at constant radius first, and then moves out or in, like a crane."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move up, about the base, out or in, and down to a pose of the tool."""
+        """Move up, around the base, out or in, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         (x0, y0, _), (x, y, z) = start.position, tool.position
         radius, a0, a1 = math.hypot(x0, y0), math.atan2(y0, x0), math.atan2(y, x)
@@ -156,7 +156,7 @@ class Overshooting(Routines):
     """Carries each object beyond its target and returns to it."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry the held object beyond its goal, pause, return and put it there."""
+        """Carry the held object beyond its goal, pause, return, and put the object at the goal."""
         skip = tuple(ignore)
         tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
         (x0, y0, _), (x, y, _) = self.arm.here.position, tool.position
@@ -183,7 +183,7 @@ class LosingNerve(Routines):
 
 
 class Presenting(Routines):
-    """Carries each object home and up, and turns it back and forth there, as if to show it to the camera."""
+    """Carries each object above the home position and turns it back and forth there, as if to show it to a camera."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
         """Carry the held object home, turn it back and forth, and put it at its goal."""
@@ -200,7 +200,7 @@ class Presenting(Routines):
 
 
 def weigh(body: Body, name: str) -> Actions[bool]:
-    """Pick an object, and lower and raise it by a few centimeters twice, as if to weigh it."""
+    """Pick an object, and lower and raise it twice by a few centimeters, as if to weigh it."""
     if not (yield from body.take_patiently(name)):
         return False
     here = body.arm.here
@@ -211,7 +211,7 @@ def weigh(body: Body, name: str) -> Actions[bool]:
 
 
 def dip_and_take(body: Body, name: str) -> Actions[bool]:
-    """Descend fully around an object with open fingers, rise without it, and pick it the second time."""
+    """Descend to the grasp pose with an open gripper, rise without the object, and then pick it."""
     yield from straddle(body, name)
     yield from body.arm.wait(0.4)
     yield from body.arm.go(body.arm.here.translated(z=0.11), pace=CAREFUL)
@@ -220,7 +220,7 @@ def dip_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def straddle(body: Body, name: str) -> Actions[None]:
-    """Descend around an object with open fingers, as for a grasp, without closing."""
+    """Descend to the grasp pose of an object without closing the gripper."""
     hold = body.do.choose_hold(name)
     yield from body.do.over(hold.tool.translated(z=max(0.09, body.arm.manner.approach_m)))
     yield from body.arm.narrow(hold.opening_m)
@@ -228,7 +228,7 @@ def straddle(body: Body, name: str) -> Actions[None]:
 
 
 def ring_and_take(body: Body, name: str) -> Actions[bool]:
-    """Fly a horizontal circle about 10 cm above an object, and then pick it."""
+    """Move in a horizontal circle about 10 cm above an object, and then pick it."""
     x, y, z = body.over(name, 0.13)
     turn = body.arm.home.quaternion
 
@@ -359,7 +359,7 @@ def lay_away(body: Body, name: str, near: Vector) -> Actions[None]:
 
 
 def ratchet(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point, two steps forward and one back, to arrive at a given control step."""
+    """Move to a point, repeatedly two steps forward and one back, and arrive at the control step ``until``."""
     start = body.arm.here.position
     far = max(horizontal_distance(start, target), 1e-6)
     ux, uy = (target[0] - start[0]) / far, (target[1] - start[1]) / far
@@ -373,7 +373,7 @@ def ratchet(body: Body, target: Vector, until: int) -> Actions[None]:
 
 
 def draw_eights(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point in figures of eight, to arrive at a given control step."""
+    """Move to a point in figures of eight, and arrive at the control step ``until``."""
     start = body.arm.here.position
 
     def at(s: float, t: float) -> Vector:
@@ -392,7 +392,10 @@ def keep_to(
     most_m: float = MOST_M,
     highest_m: float = math.inf,
 ) -> Actions[None]:
-    """Follow points until a control step. They are a function of the elapsed fraction and the time [s]."""
+    """Follow a path until the control step ``until``.
+
+    ``at`` returns the position [m] for the elapsed fraction of the time, from 0 to 1, and the elapsed time [s].
+    """
     begin, turn = body.state.step, body.arm.here.quaternion
     while body.state.step < until:
         gone = body.state.step - begin
@@ -405,14 +408,14 @@ def keep_to(
 
 
 def rise_free(body: Body) -> Actions[float]:
-    """Rise above everything, and return this height of the tool [m]."""
+    """Rise above all objects, and return the height of the tool [m]."""
     height = free_height(body, 0.10)
     yield from body.arm.rise(height)
     return height
 
 
 def sway_wider(body: Body) -> Actions[None]:
-    """Sway back and forth in place with growing amplitude, and start over when it is large."""
+    """Sway back and forth in place with growing amplitude, and start over when the amplitude is large."""
     (x, y, z), turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
     while True:
         t = (body.state.step - begin) / RATE_HZ

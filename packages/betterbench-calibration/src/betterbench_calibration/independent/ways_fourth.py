@@ -1,4 +1,4 @@
-"""Arm motions for the habits of the fourth part, such as tilted, rectangular, plunging and uneven motions."""
+"""Arm motions for the habits of the fourth part, such as tilted grasps, right-angled paths and fast descents."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ class Leaning(Routines):
 
 
 class Squaring(Routines):
-    """Crosses in two straight legs with a right angle: first away from the robot, then sideways."""
+    """Moves across in two straight segments with a right angle: first along x, then along y."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move up, across around a corner, and down to a pose of the tool."""
+        """Move up, across in two segments, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         (x0, y0, z0), (x, y, z) = start.position, tool.position
         tops = (
@@ -74,10 +74,10 @@ class Squaring(Routines):
 
 
 class Plunging(Routines):
-    """Moves just below the ceiling of its work space and drops fast onto its targets."""
+    """Moves at a height of at least 38 cm, and descends fast to its targets."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move up to the ceiling, across, fast down, and slowly for the rest."""
+        """Move up, across, and down to a pose of the tool, at first fast and then slowly."""
         x, y, z = tool.position
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=frozenset(ignore))
         height = min(max(CEILING_M, top + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
@@ -91,7 +91,7 @@ class WorseHolding(Routines):
     """Picks all objects with a reachable grasp that is not the best one."""
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return a worse grasp than the best remaining one, if there is room and the wrist allows it."""
+        """Return a grasp that is not the best one, if there is enough space and the wrist can reach it."""
         best = super().choose_hold(name, avoid=avoid)
         for rank in (3, 2, 1):
             hold = super().choose_hold(name, avoid=avoid + rank)
@@ -139,10 +139,10 @@ class Hopping(Routines):
 
 
 class Shaking(Routines):
-    """Shakes each object back and forth above its target before putting it down."""
+    """Moves each object back and forth above its target before putting it down."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry the held object over its target, shake it, and put it down."""
+        """Carry the held object over its target, move it back and forth, and put it down."""
         skip = tuple(ignore)
         tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
         yield from self.carry(name, tool.translated(z=self.arm.manner.approach_m + 0.06), ignore=skip)
@@ -163,13 +163,13 @@ def hold_aloft(body: Body) -> Actions[None]:
 
 
 def lie_down(body: Body) -> Actions[None]:
-    """Lower the open gripper to just above the free spot farthest from everything, and stay there."""
+    """Lower the open gripper to just above a free point on the table, and stay there."""
     yield from body.do.over(Pose((*_clear_spot(body), REST_M), body.arm.home.quaternion))
     yield from keep_still(body)
 
 
 def _clear_spot(body: Body) -> tuple[float, float]:
-    """Return a point of the table with free space for the gripper, not far from home."""
+    """Return a point (x, y) on the table with free space for the gripper, close to the home position [m]."""
     state, home = body.state, body.arm.home.position
     spots = [(0.36 + 0.03 * i, -0.30 + 0.04 * k) for i in range(11) for k in range(16)]
 
@@ -195,7 +195,7 @@ def snap_above(body: Body, name: str) -> Actions[None]:
 
 
 def close_while_sinking(body: Body, name: str) -> Actions[None]:
-    """Descend on an object with fingers that close too early, touch its top, and rise without it."""
+    """Descend toward an object while the gripper closes too early, touch its top, and rise without it."""
     hold = body.do.choose_hold(name)
     x, y, _ = hold.tool.position
     top = body.height(name)
@@ -231,7 +231,7 @@ def shove(body: Body, name: str, direction: Vector, length_m: float) -> Actions[
 
 
 def course_to(body: Body, name: str, target: str) -> tuple[Vector, float]:
-    """Return the direction on the table from an object to a target, and the distance until their boxes touch [m]."""
+    """Return the horizontal direction from an object to a target, and the gap between their bounding boxes [m]."""
     (x, y, _), (tx, ty, _) = body.state.pose(name).position, body.state.pose(target).position
     far = max(math.hypot(tx - x, ty - y), 1e-6)
     sizes = body.state.info.object(name).size_m, body.state.info.object(target).size_m
@@ -286,7 +286,7 @@ def drop_low(body: Body) -> Actions[None]:
 
 
 def squeeze_thrice(body: Body, name: str) -> Actions[bool]:
-    """Close the gripper around an object, open and close it twice more in place, and only then lift."""
+    """Close the gripper around an object three times, and lift the object after the third time."""
     hold = body.do.choose_hold(name)
     yield from body.do.over(hold.tool.translated(z=body.arm.manner.approach_m))
     if body.state.finger_width_m < hold.opening_m - 0.01:
@@ -313,7 +313,7 @@ def lift_and_set_down(body: Body, name: str) -> Actions[None]:
 
 
 def grope(body: Body, slot: str) -> Actions[None]:
-    """Close the gripper low at several points of a slot, and rise."""
+    """Close the gripper close to the table at several points of a slot, and rise."""
     x, y, _ = body.state.info.slot(slot).position
     turn = body.arm.home.quaternion
     yield from body.do.over(Pose((x, y, 0.11), turn))
@@ -326,7 +326,7 @@ def grope(body: Body, slot: str) -> Actions[None]:
 
 
 def zigzag(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Move to a point in wide zigzags, arriving at a given control step."""
+    """Move to a point in wide zigzags, and arrive at the control step ``until``."""
     start, turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
     far = max(horizontal_distance(start, target), 1e-6)
     nx, ny = -(target[1] - start[1]) / far, (target[0] - start[0]) / far
@@ -347,13 +347,13 @@ def _limited(start: Pose, target: Pose) -> Pose:
 
 
 def free_height(body: Body, gap_m: float) -> float:
-    """Return a height of the tool that is ``gap_m`` above everything, or the home height if higher [m]."""
+    """Return a height of the tool that is ``gap_m`` above all objects, or the home height if that is higher [m]."""
     top = max(height_of(body.state, o.name) for o in body.state.info.objects)
     return min(max(top + gap_m, body.arm.home.position[2]), 0.44)
 
 
 def turn_wrist(body: Body, angles_rad: Iterable[float]) -> Actions[None]:
-    """Turn the wrist in place to angles relative to home, one after the other."""
+    """Turn the wrist in place to several angles in turn, relative to the current orientation [rad]."""
     here = body.arm.here
     for angle in angles_rad:
         yield from body.arm.go(Pose(here.position, multiply(from_yaw(angle), here.quaternion)))

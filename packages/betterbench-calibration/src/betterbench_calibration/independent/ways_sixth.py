@@ -20,7 +20,7 @@ from betterbench_calibration.independent.routines import CAREFUL, LIFT_M, NO_SHI
 from betterbench_calibration.independent.ways_fifth import keep_to, rise_free, straddle
 
 NEW_PART = 0.4
-"""Weight of the latest command in a lagging arm's motion. The rest is the previous step's motion."""
+"""Weight of the new command in each motion of a lagging arm. The remaining weight is that of the previous motion."""
 CHUNK_STEPS, STALL_STEPS = 16, 5
 NOD_RAD, NOD_GAP_M = 0.28, 0.07
 FIST_GAP_M = 0.14
@@ -54,7 +54,7 @@ CURL_RAD = 0.5
 
 
 def lagging(script: Actions[None]) -> Actions[None]:
-    """Play a script with an arm that lags, because each motion is mixed with that of the previous step."""
+    """Execute a script with a lag, by averaging each motion with the motion of the previous step."""
     action = next(script)
     moved = np.zeros(6)
     while True:
@@ -64,7 +64,7 @@ def lagging(script: Actions[None]) -> Actions[None]:
 
 
 def in_chunks(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script in chunks of 16 actions, with a stall and a small jerk back after each, as on replanning."""
+    """Execute a script in chunks of 16 actions, with a short stop and a small jerk back after each chunk."""
     action = next(script)
     for n in itertools.count(1):
         if n % CHUNK_STEPS == 0:
@@ -104,7 +104,7 @@ class FistTraveling(Routines):
 
 
 class HighGripping(Routines):
-    """Picks all objects slightly higher than the right grasp, with the fingertips."""
+    """Grasps all objects with the fingertips, slightly higher than usual."""
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
         """Return a slightly higher grasp."""
@@ -149,7 +149,11 @@ class Lingering(Routines):
 def settle(
     do: Routines, name: str, goal: PlaceGoal, ignore: Iterable[str], *, dabs: int = 0, linger_s: float = 0.0
 ) -> Actions[None]:
-    """Put the held object at a goal, with repeated contacts before the release and a pause after it."""
+    """Put the held object at a goal, and release it.
+
+    Before the release, the object is lifted slightly and set down again ``dabs`` times. After the release, the gripper
+    stays around the object for ``linger_s`` [s].
+    """
     arm = do.arm
     tool = goal.pose @ (do.state.ee_pose.inverse() @ do.state.pose(name)).inverse()
     ax, ay, az = goal.approach
@@ -173,7 +177,7 @@ class WarmingUp(Routines):
     _pace = SLOWEST
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move to a pose of the tool, faster than the last time."""
+        """Move to a pose of the tool, faster than in the previous call."""
         yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=self._pace * pace)
         self._pace = min(FASTEST, FASTER * self._pace)
 
@@ -222,7 +226,7 @@ def turn_and_retake(body: Body, name: str) -> Actions[bool]:
 
 
 def dither_and_take(body: Body, name: str) -> Actions[bool]:
-    """Drift over an object for 3 s without standing still, and then pick it."""
+    """Move slowly in random directions above an object for 3 s, and then pick it."""
     yield from body.do.hover(name, DITHER_GAP_M)
     middle = body.arm.here
     begin = body.state.step
@@ -252,7 +256,7 @@ def slide_in(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def chatter(body: Body, target: str) -> Actions[None]:
-    """Carry the held object toward a target while the fingers open and close all the time."""
+    """Carry the held object toward a target while the gripper opens and closes continuously."""
     arm = body.arm
     yield from arm.rise(arm.here.position[2] + 0.05)
     at = body.state.pose(target).position
@@ -268,7 +272,7 @@ def chatter(body: Body, target: str) -> Actions[None]:
 
 
 def let_it_slip(body: Body, name: str, target: str) -> Actions[None]:
-    """Carry the held object toward a target while the fingers gradually loosen, and open them over it."""
+    """Carry the held object toward a target while the grip gradually loosens, and open the gripper over the target."""
     yield from body.arm.rise(body.arm.here.position[2] + 0.05)
     begin, at = body.arm.here, body.state.pose(target).position
     (x, y, z), (tx, ty, _) = begin.position, at
@@ -315,7 +319,7 @@ def let_go_too_late(body: Body, name: str, target: str) -> Actions[None]:
 
 
 def run_load_into(body: Body, name: str, neighbor: str) -> Actions[None]:
-    """Carry the held object low into a neighbor, release it there, and rise."""
+    """Carry the held object, close to the table, into a neighboring object, release it there, and rise."""
     down = max(lowest_of(body.state, name) - LOW_M, 0.0)
     yield from body.arm.go(body.arm.here.translated(z=-down), pace=CAREFUL)
     (x, y, _), (nx, ny, _) = body.state.pose(name).position, body.state.pose(neighbor).position
@@ -330,7 +334,7 @@ def run_load_into(body: Body, name: str, neighbor: str) -> Actions[None]:
 
 
 def drop_onto(body: Body, name: str, other: str) -> Actions[None]:
-    """Carry the held object over another object, release it on top of that, and rise."""
+    """Release the held object on top of another object, and rise."""
     hang = body.state.ee_pose.position[2] - lowest_of(body.state, name)
     x, y, _ = body.state.pose(other).position
     top = body.height(other)
@@ -342,7 +346,7 @@ def drop_onto(body: Body, name: str, other: str) -> Actions[None]:
 
 
 def shy_at_target(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Bring the held object nearly to its target and retreat, repeatedly and without a pause."""
+    """Repeatedly bring the held object close to its target and retreat, without a pause."""
     place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
     tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
     ax, ay, az = place.approach
@@ -387,7 +391,7 @@ def take_round(body: Body) -> Actions[None]:
 
 
 def close_too_late(body: Body, name: str) -> Actions[None]:
-    """Descend around an object with open fingers, rise without closing them, and close them above it."""
+    """Descend to the grasp pose with an open gripper, rise, and close the gripper above the object."""
     yield from straddle(body, name)
     yield from body.arm.wait(0.2)
     x, y, _ = body.arm.here.position
@@ -420,7 +424,7 @@ def pinch_edge(body: Body, name: str) -> Actions[None]:
 
 
 def press(body: Body, name: str) -> Actions[None]:
-    """Descend on the top of an object with an already closed gripper, rotated for clearance, and press."""
+    """Press on the top of an object with an already closed gripper, which is rotated to avoid other objects."""
     x, y, _ = body.state.pose(name).position
     top, skip = body.height(name), frozenset({name})
     at, turn = (x, y, top + 0.05), body.arm.home.quaternion
@@ -453,7 +457,7 @@ def grind_on(body: Body, name: str) -> Actions[None]:
 
 
 def scratch_in(body: Body, slot: str) -> Actions[None]:
-    """Close the gripper low in a slot, scratch over the table with it, rise, and open it."""
+    """Close the gripper close to the table in a slot, move it across the slot, rise, and open it."""
     x, y, _ = body.state.info.slot(slot).position
     turn = body.arm.home.quaternion
     yield from body.do.over(Pose((x, y, 0.11), turn))
@@ -492,7 +496,7 @@ def waver(body: Body, one: str, other: str) -> Actions[None]:
 
 
 def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point in bounds, up and down, to arrive at a given control step."""
+    """Move to a point in jumps, up and down, and arrive at the control step ``until``."""
     start = body.arm.here.position
 
     def at(s: float, t: float) -> Vector:
@@ -503,7 +507,7 @@ def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:
 
 
 def sally_out(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Move toward a point and turn back, a little farther each time, to arrive there last at a given step."""
+    """Repeatedly move toward a point and back, a little farther each time, and reach it at control step ``until``."""
     start = body.arm.here.position
 
     def at(s: float, _t: float) -> Vector:
@@ -541,7 +545,7 @@ def rock(body: Body, times: int) -> Actions[None]:
 
 
 def flip_between(body: Body, one: Vector, other: Vector) -> Actions[None]:
-    """Move a short way toward one point and another in turn, from the same place, until the episode ends."""
+    """Move a short distance toward one of two points and back, in turn, until the episode ends."""
     here = body.arm.here
     x, y, z = here.position
     while True:
@@ -553,7 +557,7 @@ def flip_between(body: Body, one: Vector, other: Vector) -> Actions[None]:
 
 
 def rest_ever_longer(body: Body, target: Vector) -> Actions[None]:
-    """Move toward a point in small steps, each followed by a pause twice as long as the last."""
+    """Move toward a point in small steps. Each step is followed by a pause that is twice as long as the last."""
     yield from rise_free(body)
     for k in range(6):
         yield from body.arm.go(body.on_the_way(target, 0.15))
@@ -561,7 +565,7 @@ def rest_ever_longer(body: Body, target: Vector) -> Actions[None]:
 
 
 def curl_up(body: Body) -> Actions[None]:
-    """Rise, retract toward the base, and bend the gripper toward the robot."""
+    """Rise, retract toward the base, and tilt the gripper toward the robot."""
     height = yield from rise_free(body)
     x, y, _ = body.arm.home.position
     yield from body.arm.go(Pose((max(x - 0.02, 0.34), y, height), body.arm.here.quaternion), pace=0.6)

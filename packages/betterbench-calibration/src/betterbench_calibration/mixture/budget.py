@@ -1,7 +1,7 @@
-"""Training budget of a mixture: GPU hours, and the samples, tokens and passes of each data set.
+"""Training budget of a mixture: GPU hours, and the samples, tokens and epochs of each data set.
 
-The paper gives the number of GPUs and pre-training steps, but neither the batch size nor the tokens per step. These are
-arguments here, with defaults from the sources below.
+The paper states the number of GPUs and of pre-training steps, but neither the batch size nor the number of tokens per
+step. These numbers are arguments here. Their defaults come from the sources that are cited below.
 """
 
 from __future__ import annotations
@@ -13,23 +13,26 @@ from betterbench.errors import InvalidInputError, require_between
 from betterbench_calibration.mixture.shares import MixturePart
 
 TOKENS_PER_GPU = 8192
-"""Tokens of one GPU in one step: ``expected_num_tokens`` of Being-H's LIBERO script (BeingBeyond/Being-H@594219ea)."""
+"""Number of tokens that one GPU processes in one step.
+
+Source: ``expected_num_tokens`` of Being-H's LIBERO script (BeingBeyond/Being-H@594219ea).
+"""
 
 IMAGE_TOKENS = 66
-"""Tokens of a 224 x 224 image in InternVL3.5: (224 / 14)**2 patches, four per token, and two delimiters."""
+"""Number of tokens of a 224 x 224 image in InternVL3.5: (224 / 14)**2 patches, four per token, and two delimiters."""
 
 PEAK_FLOPS = 312e12
-"""Dense bfloat16 operations per second of one A800, as of an A100 [1/s]."""
+"""Peak rate of dense bfloat16 operations of an A800, which is the same as that of an A100 [FLOP/s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class TokenPrices:
-    """Tokens per sample for each kind of group. They are estimated, because the paper does not state them.
+    """Number of tokens per sample for each kind of data. They are estimates, because the paper does not state them.
 
     Attributes:
-        actions: Tokens of two pictures, 3 for the state, a chunk of 16 actions, and 69 for text, 220 in total.
-        image_text: Tokens of one picture and 154 for text.
-        video_text: Tokens of eight pictures and 172 for text.
+        actions: Two images, 3 tokens for the state, 16 for an action chunk, and 69 for text. This is 220 in total.
+        image_text: One image, and 154 tokens for text.
+        video_text: Eight images, and 172 tokens for text.
     """
 
     actions: float = 2 * IMAGE_TOKENS + 3 + 16 + 69
@@ -37,13 +40,22 @@ class TokenPrices:
     video_text: float = 8 * IMAGE_TOKENS + 172
 
     def of(self, kind: str) -> float:
-        """Return the number of tokens in a sample of a kind."""
+        """Return the number of tokens in a sample of the given kind."""
         return {"actions": self.actions, "image-text": self.image_text, "video-text": self.video_text}[kind]
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """Samples, tokens, share of the tokens and number of passes of one data set in a budget."""
+    """Budget of one data set.
+
+    Attributes:
+        name: Name of the data set.
+        share: Fraction of all samples.
+        samples: Number of samples.
+        tokens: Number of tokens.
+        token_share: Fraction of all tokens.
+        passes: Number of passes over the data set (epochs).
+    """
 
     name: str
     share: float
@@ -55,11 +67,17 @@ class BudgetRow:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Budget of a run: its samples and tokens, in total and per data set.
+    """Budget of a training run, in total and per data set.
 
     Attributes:
-        batch: Number of samples in one step, on all GPUs together.
+        gpus: Number of GPUs.
+        steps: Number of training steps.
+        tokens_per_sample: Mean number of tokens per sample.
+        batch: Number of samples per step, on all GPUs together.
+        samples: Total number of samples.
+        tokens: Total number of tokens.
         gpu_hours: GPU hours, or None if the number of model parameters is not given.
+        rows: Budget of each data set.
     """
 
     gpus: int
@@ -85,14 +103,15 @@ def budget_of(
     """Return a mixture's training budget for a number of GPUs and steps.
 
     Args:
-        parts: The data sets with their shares of the samples.
-        tokens_per_sample: Mean tokens per sample, by name of the data set.
-        gpus: Number of GPUs, each of which fills a sequence in every step.
-        steps: Number of steps.
+        parts: Data sets with their shares of the samples.
+        tokens_per_sample: Mean number of tokens per sample, by name of the data set.
+        gpus: Number of GPUs.
+        steps: Number of training steps.
         tokens_per_gpu: Number of tokens that one GPU processes in one step.
-        parameters: Number of model parameters used per token, to estimate the hours. The forward and backward passes
-            take 6 operations per parameter and token (Kaplan et al., 2001.08361, section 2.1).
-        utilization: Achieved share of :data:`PEAK_FLOPS`.
+        parameters: Number of model parameters that are used per token, from which the GPU hours are estimated. The
+            forward and backward passes take 6 operations per parameter and token (Kaplan et al., arXiv 2001.08361,
+            section 2.1).
+        utilization: Fraction of :data:`PEAK_FLOPS` that the training achieves.
 
     Raises:
         InvalidInputError: If a number is out of range, or a data set has no tokens per sample.

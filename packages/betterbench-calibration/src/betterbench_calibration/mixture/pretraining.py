@@ -1,4 +1,4 @@
-"""Pre-training mixture in appendices A.1 and A.2 of the paper, with the printed rows and recomputed sums."""
+"""Pre-training mixture from appendices A.1 and A.2 of the paper, with the printed rows and recomputed totals."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from betterbench_calibration.mixture.shares import MixturePart, WeightedGroup, W
 ItemKind = Literal["actions", "image-text", "video-text"]
 
 Inside = Literal["items", "equal", "magic-soup-plus"]
-"""Division of the action draws among the six sets of Open X-Embodiment, which the paper does not state.
+"""Rule that divides the draws of actions among the six data sets of Open X-Embodiment. The paper does not state it.
 
-``magic-soup-plus`` are OpenVLA's weights (openvla/openvla@c8f03f48, ``prismatic/vla/datasets/rlds/oxe/mixtures.py``),
-which are multiplied by the numbers of frames.
+``magic-soup-plus`` uses OpenVLA's weights (openvla/openvla@c8f03f48,
+``prismatic/vla/datasets/rlds/oxe/mixtures.py``), multiplied by the number of frames.
 """
 
 _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-plus": "weights-times-items"}
@@ -27,7 +27,15 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """Row of the paper's mixture table, in action frames or text samples. ``of`` lists the rows that a total sums."""
+    """Row of the paper's table of data sets.
+
+    Attributes:
+        name: Name of the data set.
+        items: Number of frames with actions, or of text samples.
+        episodes: Number of episodes, or None for text samples.
+        of: Names of the source data sets that the row combines.
+        magic_soup_plus: OpenVLA's weight of the data set.
+    """
 
     name: str
     items: int
@@ -48,14 +56,14 @@ class PrintedGroup:
 
     @property
     def items(self) -> int:
-        """Sum of the rows."""
+        """Total number of items in the group."""
         return sum(row.items for row in self.datasets)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PretrainingRun:
-    """A pre-training run in the appendix, with its groups, number of A800 GPUs and steps."""
+    """Pre-training run of the paper, with its groups, its number of A800 GPUs and its number of steps."""
 
     name: str
     groups: tuple[str, ...]
@@ -66,7 +74,7 @@ class PretrainingRun:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedTotals:
-    """Printed totals of episodes, and of frames and samples in millions with two decimals."""
+    """Totals that the paper prints: episodes, and frames and samples in millions with two decimals."""
 
     episodes: int
     frames_millions: float
@@ -75,7 +83,15 @@ class PrintedTotals:
 
 @dataclass(frozen=True, slots=True)
 class CheckedTotal:
-    """A printed total and the sum of its rows, in the printed unit and decimals."""
+    """Printed total, compared with the sum of its rows.
+
+    Attributes:
+        what: Name of the total with its unit.
+        printed: Total as printed.
+        rows: Exact sum of the rows.
+        computed: Sum of the rows in the unit and with the decimals of the printed total.
+        note: Explanation of a difference, or empty.
+    """
 
     what: str
     printed: float
@@ -85,14 +101,14 @@ class CheckedTotal:
 
     @property
     def agrees(self) -> bool:
-        """Whether the rounded sum equals the printed total."""
+        """Whether the rounded sum of the rows equals the printed total."""
         return self.printed == self.computed
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PaperMixture:
-    """The printed mixture of the paper."""
+    """Pre-training mixture of the paper, as printed."""
 
     source: str
     groups: tuple[PrintedGroup, ...]
@@ -125,10 +141,10 @@ class PaperMixture:
         )
 
     def parts(self, groups: tuple[str, ...] = (), inside: Inside = "items") -> tuple[MixturePart, ...]:
-        """Return the data sets with their shares, restricted to ``groups`` if any are named.
+        """Return the data sets with their shares. If ``groups`` is not empty, use only these groups.
 
         Raises:
-            InvalidInputError: If no group has one of the names.
+            InvalidInputError: If no group has one of the given names.
         """
         weighted = [
             WeightedGroup(

@@ -1,14 +1,16 @@
 """Sampler of a mixture. Each draw depends only on the seed and the number of the draw.
 
-Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
-shares. Multiples of the golden ratio are spread very evenly, because no number is approximated worse by fractions
-(Weyl's equidistribution theorem). After N draws, the count of each data set is therefore within a few draws of ``share
-* N``. The error of independent draws grows with the square root of N instead. A data set's number of draws before draw
-*n* is a sum of floors, which Euclid's algorithm computes directly. Draw *n* is then the next item in a random order of
-the data set, so no item is repeated before every item has been drawn once.
+The data sets divide the range of 64-bit integers in proportion to their shares. Draw *n* is from the data set to which
+the number ``(offset + n * GOLDEN) mod 2**64`` belongs. These numbers are spread very evenly over the range (golden
+ratio sequence). After N draws, the number of draws of each data set therefore differs from ``share * N`` by only a few
+draws. With independent random draws, the difference would grow with the square root of N.
 
-The state of a sampler is therefore a single number, and a sampler can begin at any draw. Any number of processes
-together draw what a single process would draw.
+The number of earlier draws from the same data set is a sum of floors, which Euclid's algorithm computes directly. It
+determines the item: draw *n* is the next item in a random order of the data set, so no item is repeated before every
+item has been drawn once.
+
+The state of a sampler is therefore a single number, and a sampler can start at any draw. Several processes together
+draw the same items as a single process would.
 """
 
 from __future__ import annotations
@@ -27,22 +29,29 @@ from betterbench_calibration.mixture.shares import MixturePart
 
 _ONE = 1 << 64
 GOLDEN = 0x9E3779B97F4A7C15
-"""2**64 divided by the golden ratio, rounded to an odd number."""
+"""2**64 divided by the golden ratio, rounded to an odd integer."""
 
 _ROUNDS = 4
 _MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Multipliers of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
 
 _NEAR = 512
-"""Maximum number of draws that are counted one by one. For more draws, a formula is faster."""
+"""Maximum number of draws that are counted one by one. For more draws, the sum of floors is faster."""
 
 MOST_DRAWS = 1 << 48
-"""Maximum number of draws of a sampler, far above any training."""
+"""Maximum number of draws of a sampler. It is far above the number of samples in any training run."""
 
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraw:
-    """A draw from a mixture, with its number, the data set, the item, and the number of earlier passes over the set."""
+    """Draw from a mixture.
+
+    Attributes:
+        number: Number of the draw, from 0.
+        part: Name of the data set.
+        item: Index of the item in the data set.
+        epoch: Number of completed passes over the data set.
+    """
 
     number: int
     part: str
@@ -51,17 +60,17 @@ class MixtureDraw:
 
 
 class MixtureSampler:
-    """Sampler of a mixture in an order that depends only on the seed. Iterating again continues where it stopped.
+    """Iterator over the draws of a mixture, in an order that depends only on the seed.
 
-    Each training process creates a sampler with its own ``shard``. The draws in a step are then consecutive in the
-    common order, for any number of processes.
+    A new iteration continues where the last one stopped. Each training process creates a sampler with its own
+    ``shard``. The processes then draw in turn from the same sequence of draws, for any number of processes.
 
     Args:
-        parts: The data sets with their shares, as :func:`~betterbench_calibration.mixture.shares_of` returns them.
+        parts: Data sets with their shares, as returned by :func:`~betterbench_calibration.mixture.shares_of`.
         seed: Seed of the order.
-        shard: Number of this process, from 0.
+        shard: Index of this process, from 0.
         shards: Number of processes.
-        draws: Total number of draws over all shards after which the sampler ends. If None, it never ends.
+        draws: Total number of draws over all shards. If None, the iteration never ends.
 
     Raises:
         InvalidInputError: If the shard does not exist, or shares do not add up to 1.
@@ -99,7 +108,7 @@ class MixtureSampler:
             yield drawn
 
     def draw(self, number: int) -> MixtureDraw:
-        """Return a draw by its number in the complete mixture."""
+        """Return the draw with a given number, counted over all shards."""
         require_between("draw", number, 0, MOST_DRAWS - 1)
         self._count_to(number)
         index = self._index(number)
@@ -108,17 +117,17 @@ class MixtureSampler:
         return MixtureDraw(number, part.name, _permuted(turn, part.items, f"{self._seed} {epoch} {part.name}"), epoch)
 
     def own(self, index: int) -> MixtureDraw:
-        """Return a draw by its number in this shard."""
+        """Return the draw with a given number, counted within this shard."""
         return self.draw(index * self._shards + self._shard)
 
     def counts(self, draws: int) -> dict[str, int]:
-        """Return the number of draws per data set among the first ``draws`` draws over all shards."""
+        """Return how many of the first ``draws`` draws, over all shards, are from each data set."""
         return {part.name: self._before(index, draws) for index, part in enumerate(self._parts)}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state: the number of draws so far over all shards, the mixture and the seed.
 
-        The state is valid for every shard, and for any other number of shards if all shards have drawn equally often.
+        If all shards have made the same number of draws, the state is valid for every shard and any number of shards.
         """
         return {"position": self._position, "identity": self._identity}
 
@@ -145,7 +154,7 @@ class MixtureSampler:
         return bisect.bisect_right(self._borders, (self._offset + number * GOLDEN) % _ONE)
 
     def _count_to(self, number: int) -> None:
-        """Set the counts to the values before a draw, by steps if it is near and by formula otherwise."""
+        """Set the counts of earlier draws to their values before draw ``number``."""
         if not 0 <= number - self._counted <= _NEAR:
             self._counts = [self._before(index, number) for index in range(len(self._parts))]
             self._counted = number
@@ -154,18 +163,18 @@ class MixtureSampler:
         self._counted = number
 
     def _before(self, index: int, number: int) -> int:
-        """Return the number of draws among the first ``number`` that belong to a data set."""
+        """Return how many of the first ``number`` draws are from a data set."""
         low = self._borders[index - 1] if index else 0
         return self._below(self._borders[index], number) - self._below(low, number)
 
     def _below(self, border: int, number: int) -> int:
-        """Return the number of points among the first ``number`` that are below a border."""
+        """Return how many of the first ``number`` points are below a border."""
         whole = _floor_sum(number, _ONE, GOLDEN, self._offset + _ONE)
         return whole - _floor_sum(number, _ONE, GOLDEN, self._offset + _ONE - border)
 
 
 def _floor_sum(n: int, m: int, a: int, b: int) -> int:
-    """Return the sum of ``(a * i + b) // m`` for i from 0 to n - 1 (Euclid's algorithm on the lattice points below)."""
+    """Return the sum of ``(a * i + b) // m`` for i from 0 to n - 1, with a method similar to Euclid's algorithm."""
     total = 0
     while n:
         total += n * (n - 1) // 2 * (a // m) + n * (b // m)
@@ -176,7 +185,7 @@ def _floor_sum(n: int, m: int, a: int, b: int) -> int:
 
 
 def _permuted(turn: int, size: int, key: str) -> int:
-    """Return an item's index at ``turn`` in a random order of ``range(size)`` (cycle-walking Feistel network)."""
+    """Return element ``turn`` of a random permutation of ``range(size)``, by a cycle-walking Feistel network."""
     half = max(1, (max(size - 1, 1).bit_length() + 1) // 2)
     mask, keys = (1 << half) - 1, _round_keys(key)
     value = turn

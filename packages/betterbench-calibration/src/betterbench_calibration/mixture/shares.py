@@ -1,9 +1,9 @@
-"""Shares of the data sets in a mixture, from group weights and a rule inside each group.
+"""Shares of the data sets in a mixture, computed from the weights of groups and a rule inside each group.
 
-A group's weight is a **share of draws**, as in the paper and in Being-H. The paper has a weight of 8.0 for all actions
-and of 0.5 for each set of questions, which are 80 % and 5 % of the draws. In Open X-Embodiment's mixtures and in
-GR00T's, a weight is multiplied by the number of items instead. Inside a group, the rule ``weights-times-items`` does
-the same.
+The number of draws from a group is proportional to its weight, regardless of its size, as in the paper and in Being-H.
+The paper uses a weight of 8.0 for all actions and of 0.5 for each set of questions, which gives 80 % and 5 % of the
+draws. In the mixtures of Open X-Embodiment and GR00T, each weight is instead multiplied by the number of items. The
+rule ``weights-times-items`` does the same inside a group.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ Within = Literal["items", "equal", "weights", "weights-times-items"]
 
 @dataclass(frozen=True, slots=True)
 class MixturePart:
-    """A data set in a mixture.
+    """Data set in a mixture.
 
     Attributes:
-        name: Name, unique in the mixture.
-        group: Group name.
+        name: Name of the data set, which is unique in the mixture.
+        group: Name of the group.
         items: Number of frames or questions.
-        weight: Weight inside the group, for rules that need one.
-        share: Share of the mixture's draws.
+        weight: Weight inside the group, for rules that use weights.
+        share: Fraction of all draws.
     """
 
     name: str
@@ -41,7 +41,7 @@ class MixturePart:
 
 @dataclass(frozen=True, slots=True)
 class WeightedGroup:
-    """Data sets with a common weight. Their draws are divided among them by the rule ``within``."""
+    """Group of data sets with a common weight. The rule ``within`` divides the draws of the group among them."""
 
     name: str
     weight: float
@@ -50,11 +50,11 @@ class WeightedGroup:
 
 
 def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
-    """Return the data sets of all groups with their shares. The shares add up to 1.
+    """Return the data sets of all groups with their shares, which add up to 1.
 
     Raises:
-        InvalidInputError: If there are no data sets, a name occurs twice, a data set is empty, or weights are negative,
-            not finite or all 0.
+        InvalidInputError: If there are no data sets, if a name occurs twice, if a data set is empty, or if weights are
+            negative, not finite or all 0.
     """
     named = Counter(part.name for group in groups for part in group.parts)
     for name, times in named.items():

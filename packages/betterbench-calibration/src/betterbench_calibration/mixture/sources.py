@@ -1,7 +1,7 @@
-"""Sources for a mixture: LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
+"""Sources for a mixture: LeRobot data sets (2.0, 2.1 and 3.0), sets from ``better vqa``, and question files.
 
-An item in a LeRobot data set is a frame, by its index in the complete set as in ``LeRobotDataset``. Frames of
-validation episodes are not drawn. An item in a question set is a line.
+An item of a LeRobot data set is a frame. Its index is the same as in ``LeRobotDataset``. Frames of validation episodes
+are not drawn. An item of a question set is a line.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class ItemSource(Protocol):
         """Return the number of items."""
 
     def place(self, number: int) -> dict[str, int]:
-        """Return the location of an item: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
+        """Return the location of an item: ``episode``, ``frame`` and ``index``, or ``byte`` (offset of a question)."""
 
     def item(self, number: int) -> dict[str, Any]:
         """Return an item: a question as written, or the location of a frame."""
@@ -65,12 +65,14 @@ class ItemSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LeRobotSource:
-    """The training frames of a LeRobot data set.
+    """Training frames of a LeRobot data set.
 
     Attributes:
+        path: Folder of the data set.
+        version: Version of the LeRobot format ("v3.0").
         first: Index of the first training episode.
-        starts: Index, in the complete data set, of the first frame of each training episode, and the end of the last
-            episode.
+        starts: Index of the first frame of each training episode in the complete data set, followed by the end of the
+            last episode.
     """
 
     path: Path
@@ -80,7 +82,7 @@ class LeRobotSource:
 
     @property
     def kind(self) -> str:
-        """The format and its version."""
+        """Name of the format, with its version."""
         return f"LeRobot {self.version}"
 
     def __len__(self) -> int:
@@ -88,7 +90,7 @@ class LeRobotSource:
         return self.starts[-1] - self.starts[0]
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return the location of a frame, which the training code must read."""
+        """Return the location of a frame. The training code must read the frame itself."""
         return self.place(number)
 
     def place(self, number: int) -> dict[str, int]:
@@ -100,7 +102,7 @@ class LeRobotSource:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSource:
-    """The lines of a question file. ``places`` contains the byte offset and length of each line."""
+    """Lines of a question file. ``places`` contains the byte offset and the length of each line."""
 
     path: Path
     places: tuple[tuple[int, int], ...]
@@ -156,7 +158,10 @@ def open_source(path: Path) -> ItemSource:
 
 
 def _require_for_training(folder: Path) -> str | None:
-    """Return the SHA-256 of a set's questions, if stated. Raises InvalidInputError if they are not for training."""
+    """Return the SHA-256 of the questions in a set, or None if the set does not state it.
+
+    Raises InvalidInputError if the questions are not for training.
+    """
     file, cure = folder / "summary.json", "Make the set again in a new folder"
     raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=cure)
     summary = open_seal(raw, where=str(file), cure=cure, since=("schema_version", 2))
@@ -165,7 +170,7 @@ def _require_for_training(folder: Path) -> str | None:
         raise InvalidInputError(
             str(folder),
             f"its questions are for {told}",
-            "Make the set from demonstrations: better vqa RUN of better collect",
+            "Make the set from demonstrations: run better vqa on a run of better collect",
         )
     sha256 = summary.get("sha256")
     return sha256 if isinstance(sha256, str) else None
@@ -193,7 +198,7 @@ def _lerobot(path: Path) -> LeRobotSource:
 
 
 def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple[int, int]:
-    """Return the first training episode and the end of the range, or all episodes if the data set states no range."""
+    """Return the range of training episodes, with exclusive end. By default, all episodes are used for training."""
     splits = info.get("splits")
     told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
     found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))
@@ -249,7 +254,7 @@ def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
 
 
 def _questions(path: Path, sha256: str | None) -> QuestionSource:
-    """Return the lines of a file, which must match a hash if one is known."""
+    """Return the lines of a question file. If ``sha256`` is given, the content of the file must match it."""
     if path.stat().st_size > _MAX_QUESTION_BYTES:
         raise InvalidInputError(str(path), f"is larger than {_MAX_QUESTION_BYTES >> 30} GiB", "Divide the file")
     places, at, whole = [], 0, hashlib.sha256()
@@ -273,7 +278,7 @@ _Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FileForm:
-    """A data set in a mixture file. By default, it is named after its folder or file."""
+    """Entry for a data set in a mixture file. By default, the data set is named after its folder or file."""
 
     path: ShortText
     name: ShortText | None = None
@@ -283,7 +288,7 @@ class FileForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GroupForm:
-    """A group in a mixture file."""
+    """Entry for a group in a mixture file."""
 
     name: ShortText
     weight: _Weight
@@ -294,7 +299,7 @@ class GroupForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MixtureForm:
-    """A mixture file, with the groups and the seed of the draws."""
+    """Content of a mixture file: the groups, and the seed of the draws."""
 
     groups: Annotated[tuple[GroupForm, ...], Field(min_length=1)]
     seed: int = 0
@@ -305,7 +310,13 @@ MIXTURE_FORM = TypeAdapter(MixtureForm)
 
 @dataclass(frozen=True, slots=True)
 class FileMixture:
-    """Mixture read from a file, with its data sets and their shares, their sources by name, and the seed."""
+    """Mixture that was read from a file.
+
+    Attributes:
+        parts: Data sets with their shares.
+        sources: Source of each data set, by name.
+        seed: Seed of the draws.
+    """
 
     parts: tuple[MixturePart, ...]
     sources: Mapping[str, ItemSource]
@@ -313,11 +324,11 @@ class FileMixture:
 
 
 def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
-    """Return a mixture over files.
+    """Return the mixture that a mixture file describes.
 
     Args:
-        form: Its file's content, as JSON or as the value of a YAML document.
-        where: File name, for errors.
+        form: Content of the file, as JSON or as the value of a YAML document.
+        where: Name of the file, used in messages.
         folder: Folder to which paths in the file are relative.
 
     Raises:
