@@ -37,7 +37,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Replacement for numpy.dtype during loading. It only stores the name of the type and the byte order."""
+    """Replacement for numpy.dtype during loading. It only stores the type name and the byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -53,9 +53,7 @@ class _Kind:
 
 
 class _Array:
-    """Replacement for numpy.ndarray during loading. It only stores the pickled state, from which the array is built
-    later.
-    """
+    """Replacement for numpy.ndarray during loading. It only stores the pickled state of the array."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
