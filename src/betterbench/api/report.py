@@ -249,8 +249,8 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
             say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
         else:
             say(
-                f"No films: only trials of variations are filmed, but these {plural(recorded, 'record')} belong to "
-                "training."
+                f"No films: only trials of variations are filmed, but the {plural(recorded, 'record')} belong to "
+                "training conditions."
             )
         return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""

@@ -37,7 +37,7 @@ def free_port(host: str, port: int) -> int:
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError(
-            "--port", f"{port} is not a port", "Use a number from 0 to 65535; 0 chooses a free port"
+            "--port", f"{port} is not a port", "Use a number from 1 to 65535, or 0 for any free port"
         )
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -47,7 +47,7 @@ def free_port(host: str, port: int) -> int:
             return int(probe.getsockname()[1])
     except OSError as problem:
         reason = problem.strerror or str(problem)
-        cure = "Stop the process that uses it, or choose another: --port 0 chooses a free port"
+        cure = "Stop the process that uses the port, or use --port 0 to select a free port"
         raise InvalidInputError("--host, --port", f"cannot listen on {host}:{port} ({reason})", cure) from problem
 
 
@@ -89,7 +89,7 @@ class PageServer:
             )
         if self.port != wanted:  # another process has taken the port since free_port(), so viser chose another one
             self.viser.stop()
-            raise InvalidInputError("--port", f"{wanted} was taken in the meantime", "Run the same command again")
+            raise InvalidInputError("--port", f"another process has taken port {wanted}", "Run the same command again")
         self._stopping = threading.Thread(target=self.viser.stop, name="page", daemon=True)
 
     @property

@@ -54,7 +54,7 @@ def calibration_policies(
         if name not in names:
             raise InvalidInputError(
                 "--policies",
-                f"{name!r} is not a policy that can be calibrated",
+                f"{name!r} is not a policy for calibrations",
                 f"Use one or more of {', '.join(names)}",
             )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):

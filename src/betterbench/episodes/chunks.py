@@ -214,7 +214,7 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     """
     if answer.ndim == 0 and answer.dtype.kind not in "fiub":
         msg = (
-            "the policy returned no array of numbers (but None, a text, a dictionary or another object). "
+            "expected an array of numbers from the policy, got None, a string, a dict or another object. "
             f"Return an array of shape ({space.dim},) or (horizon, {space.dim}) for {space.name}."
         )
         raise InvalidActionError(msg)

@@ -172,7 +172,9 @@ class AddressForm:
         if self.transport is not None:
             target = target.removeprefix("//")
         if self.target == "required" and not target:
-            raise InvalidInputError(f"policy {one_line(text)}", "nothing follows the colon", f"Write {self.example}")
+            raise InvalidInputError(
+                f"policy {one_line(text)}", "the target after the colon is missing", f"Write {self.example}"
+            )
         address = PolicyAddress(text, self, target, self._options(text, query), world)
         for name in address.options:
             address.check(name)

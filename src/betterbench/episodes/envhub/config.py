@@ -80,7 +80,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         if len(named) != 1:
             raise InvalidInputError(
                 "--env.task",
-                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot version evaluates one at a time",
+                f"{self.task!r} selects {len(named)} conditions, but this LeRobot version supports only one",
                 "Use a single condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
@@ -101,7 +101,7 @@ def _robot_of(conditions: str | None) -> str:
         listed = ", ".join(f"{task}: {robot}" for task, robot in robots.items())
         raise InvalidInputError(
             "--env.task",
-            f"its tasks are made for several robots ({listed})",
+            f"its tasks are designed for different robots ({listed})",
             "Evaluate the tasks of one robot at a time",
         )
     return next(iter(robots.values()))

@@ -19,7 +19,7 @@ from betterbench.json_form import parse_json, read_bounded
 PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
 
 _MAX_BYTES = 64 * 1024 * 1024
-_CURE = "Give ?trust=true if you trust the author of the checkpoint"
+_CURE = "Add ?trust=true to the policy address if you trust the author of the checkpoint"
 _CODE_OF: Mapping[str, str] = {
     "action_tokenizer_name": "physical-intelligence/fast",
     "action_tokenizer_path": "physical-intelligence/fast",

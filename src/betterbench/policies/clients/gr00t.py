@@ -63,8 +63,8 @@ FROZEN_TOLERANCE = 0.05
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
-    "It is an old N1.5 server, which pickles with torch. This is not supported, because unpickling an untrusted "
-    "answer can run arbitrary code. Update Isaac-GR00T, whose servers use msgpack."
+    "The server is an old N1.5 release, which pickles its messages. This is not supported, because unpickling an "
+    "untrusted answer can run arbitrary code. Update Isaac-GR00T, whose newer servers use msgpack."
 )
 
 
@@ -341,11 +341,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
     def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
-        wrong = (
-            ("chunks cannot be continued and averaged at the same time")
-            if self.info.execution.ensemble is not None
-            else ""
-        )
+        wrong = ("it cannot be combined with the option ensemble") if self.info.execution.ensemble is not None else ""
         wrong = (
             (f"requests with layout={self._layout} have no entry for the previous chunk")
             if self._layout != "nested"

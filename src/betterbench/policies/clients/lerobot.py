@@ -238,7 +238,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
     }
     found = [
-        f"{one_line(key, most=100)}: the checkpoint says {wanted.get(key, 'nothing')}, "
+        f"{one_line(key, most=100)}: the checkpoint declares {wanted.get(key, 'nothing')}, "
         f"the adapter {given.get(key, 'nothing')}"
         for key in sorted({*wanted, *given})
         if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))

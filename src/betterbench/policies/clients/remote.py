@@ -109,7 +109,7 @@ class AdaptedPolicy:
         compare_declarations(ours, theirs)
         if space != adapter.answer.space:
             raise HandshakeError(
-                f"action space: the run says {space!r}, but {theirs.who} returns actions in {adapter.answer.space!r}. "
+                f"action space: the run uses {space!r}, but {theirs.who} returns actions in {adapter.answer.space!r}. "
                 f"{space_cure(adapter.answer.space)}."
             )
         rendered = {camera.name for camera in observation.cameras}
@@ -127,7 +127,7 @@ class AdaptedPolicy:
             )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(
-                f"control rate: the run says {rate_hz:g} Hz, but adapter {adapter.name} says "
+                f"control rate: the run uses {rate_hz:g} Hz, but adapter {adapter.name} requires "
                 f"{adapter.control_rate_hz:g} Hz. Correct control_rate_hz in the adapter."
             )
 

@@ -168,12 +168,12 @@ def read_execution(who: str, form: object) -> Execution | None:
     given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
     if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
-            f"{who}: the declaration of how chunks are executed cannot be read. Install the same release on both sides."
+            f"{who}: the declared settings for executing chunks are malformed. Install the same release on both sides."
         )
     try:
         return Execution(**given)
     except InvalidInputError as error:
-        raise HandshakeError(f"{who} declares an impossible way of executing chunks ({error})") from error
+        raise HandshakeError(f"{who} declares invalid settings for executing chunks ({error})") from error
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
@@ -216,7 +216,7 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
         mine, other = getattr(ours, entry.name), getattr(theirs, entry.name)
         if mine is not None and other is not None and mine != other:
             name = entry.name.replace("_", " ")
-            found.append(f"{name}: {ours.who} says {_text(mine)}, {theirs.who} says {_text(other)}")
+            found.append(f"{name}: {ours.who} declares {_text(mine)}, {theirs.who} declares {_text(other)}")
     given = ours.cameras or {}
     if ours.cameras is not None and not any("{camera}" in key or key == EVERY_CAMERA for key in given):
         for key, wanted in (theirs.cameras or {}).items():
@@ -224,7 +224,9 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
                 there = ", ".join(given) or "no images"
                 found.append(f"{_camera(key)}: {theirs.who} needs this image, but {ours.who} provides {there}")
             elif wanted is not None and given[key] not in (None, wanted):
-                found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
+                found.append(
+                    f"{_camera(key)}: {ours.who} declares {_size(given[key])}, {theirs.who} declares {_size(wanted)}"
+                )
     if found:
         more = [f"{len(found) - _MOST_SHOWN} more"] if len(found) > _MOST_SHOWN else []
         raise HandshakeError(

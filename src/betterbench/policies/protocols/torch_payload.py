@@ -234,7 +234,7 @@ class _Reader:
             raise ValueError("the file contains a tensor that is sparse, too large or not on the CPU")
         if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
             # Reject tensors that were expanded from a smaller storage, because a copy would need much more memory.
-            raise ValueError("the file contains a tensor that is larger than its bytes")
+            raise ValueError("the file contains a tensor that is larger than its storage")
         # NumPy does not support bfloat16, so convert it to float32.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 

@@ -194,7 +194,7 @@ class WebSocket:
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not a websocket address ({error}).")
         # The error may be an AssertionError of the library, which occurs if a server sends data before the handshake.
-        return ConnectionError(f"the server there is not a websocket server ({error})")
+        return ConnectionError(f"the server is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:
         """Convert an error of the websocket library to the error that is raised if the connection breaks.
