@@ -89,7 +89,9 @@ class PageServer:
             )
         if self.port != wanted:  # another process has taken the port since free_port(), so viser chose another one
             self.viser.stop()
-            raise InvalidInputError("--port", f"{wanted} has been taken by another process", "Run the same command again")
+            raise InvalidInputError(
+                "--port", f"{wanted} has been taken by another process", "Run the same command again"
+            )
         self._stopping = threading.Thread(target=self.viser.stop, name="page", daemon=True)
 
     @property

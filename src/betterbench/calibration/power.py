@@ -1,8 +1,9 @@
 """Measurement of the power matrix: the success rate of each simulated faulty policy on each variation.
 
-To save time, the expert runs first and records which faulty rules would make the same decisions in a trial. A policy
-with such a rule would produce exactly the same episode, so the outcome of this trial is copied from the expert instead
-of being simulated. The cell of the matrix counts the trial as shared. An interrupted measurement can be resumed.
+Most faulty policies have a faulty decision rule, for example to pick at the same slot in every trial. To save time, the
+expert runs first and records which faulty rules would make the same decisions in a trial. A policy with such a rule
+would produce exactly the same episode, so the outcome of this trial is copied from the expert instead of being
+simulated. The cell of the matrix counts the trial as shared. An interrupted measurement can be resumed.
 """
 
 from __future__ import annotations

@@ -104,8 +104,8 @@ class Chunks:
     def look(self, step: int) -> None:
         """Render the images for the next request, if it is made at this step.
 
-        Call this immediately after a simulation step, before the state is used. Rendering evicts the other data from
-        the CPU caches, so they would otherwise have to be loaded again afterwards.
+        Call this immediately after a simulation step, before the state is used. Rendering evicts other data from the
+        CPU caches, so data that was loaded before would have to be loaded again.
         """
         if self.looks_at(step):
             began = time.perf_counter()

@@ -29,7 +29,7 @@ class TrialContext:
 def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> RecordMetadata:
     """Return the metadata for the record of an episode.
 
-    The metadata depend only on the trial, not on the time or the machine.
+    The metadata depends only on the trial, not on the time or the machine.
     """
     found = scene.described(images=context.camera_preset is not None)
     return RecordMetadata(

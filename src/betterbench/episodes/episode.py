@@ -47,7 +47,7 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""Largest number of states that are judged in one block, which limits the duration of the control step that does it."""
+"""Maximum number of states in a block, which limits the duration of the control step in which a block is judged."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
 """Generator that runs an episode, yields requests to the policy, and returns the result.

@@ -46,8 +46,8 @@ class BeingHClient(ServerClient[BeingHServer]):
     """Client for a Being-H policy. Each environment needs its own client.
 
     For real-time chunking, the server also returns the complete chunk in its unified action space. If ``ahead`` or
-    ``delay`` is set, the next request contains the actions of this chunk that have not been executed, and the number of
-    control steps that pass during inference. The server uses them to continue the old chunk.
+    ``delay`` is set, the next request contains the unexecuted actions of this chunk and the number of control steps
+    that pass during inference. The server uses them to continue the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
@@ -83,7 +83,7 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
     ``chunk`` is the old chunk, (..., horizon, dim) in the policy's own action space, which was requested at step
     ``asked_at``. The server copies the first ``delay`` rows of the chunk that it receives to its new chunk. If fewer
-    than ``delay`` rows have not been executed, the result is an empty dict.
+    than ``delay`` unexecuted rows remain at control step ``step``, the result is an empty dict.
     """
     if not delay or rows_left(asked_at, chunk, step=step) < delay:
         return {}

@@ -31,7 +31,7 @@ LONGEST_PAUSE_S = 5.0
 
 
 class ClosableConnection(Protocol):
-    """A connection to a server."""
+    """Interface of the connections that :class:`PolicyConnection` manages."""
 
     def close(self) -> None:
         """Close the connection. This never raises an error."""

@@ -12,7 +12,7 @@ from betterbench.policies.clients.request_client import RequestClient
 from betterbench.policies.conventions.handshake import read_declared
 
 ERROR_REPLY = b"ERROR"
-"""Reply of these servers to a failed request. It gives no reason."""
+"""Reply that the server sends if a request fails. It contains no reason."""
 
 
 class EndpointServer:
@@ -89,5 +89,5 @@ class EndpointServer:
         return reply
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._client.close()

@@ -5,16 +5,15 @@ and, if required, a token. The server declares its modalities (images, states an
 with the adapter each time it connects. Source: Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and
 ``gr00t/eval/service.py`` (N1.5).
 
-A policy without an observation history answers the observations of many environments in one request
+A policy without an observation history can process the observations of many environments in one request
 (:class:`Gr00tBatchClient`). A policy that needs images or states from several time steps gets one client per
 environment. Such a client must receive every observation, so it executes the chunks itself and returns one action at a
 time.
 
-For real-time chunking (``rtc_overlap_steps``), the client sends the actions of the previous chunk that have not been
-executed as ``observation.action``, and the numbers of overlapping and frozen steps as options. NVIDIA/Isaac-GR00T#520
-(N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of N1.7 (``gr00t/model/gr00t_n1d7``)
-expect this format. The policies in GR00T's main branch ignore these entries. The client logs a warning if it detects
-this.
+For real-time chunking (``rtc_overlap_steps``), the client sends the unexecuted actions of the previous chunk as
+``observation.action``, and the numbers of overlapping and frozen steps as options. NVIDIA/Isaac-GR00T#520 (N1.6:
+``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of N1.7 (``gr00t/model/gr00t_n1d7``) expect
+this format. The policies in GR00T's main branch ignore these entries. The client logs a warning if it detects this.
 
 N1.6 and N1.7 use the same requests, but encode the arrays and modalities in their replies differently.
 
@@ -53,10 +52,12 @@ with the simulation wrapper). "n1.5": the same flat map, sent directly as the re
 """
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
-"""Observation of one environment at one time step: arrays (batch 1, time 1, ...), by modality and name."""
+"""Images and states of one environment at one time step, by modality and name. The first two axes of each array are
+batch and time, both of length 1.
+"""
 
 RAMP_RATE = 6.0
-"""Default rate at which the constraint on the overlapping actions of a new chunk decays, as in N1.6's action head."""
+"""Default value of ``Overlap.ramp_rate``, as in N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
 """Tolerance for comparing the frozen actions of the old and the new chunk, relative to the largest action."""
@@ -363,7 +364,7 @@ class Gr00tOverlapClient(Gr00tClient):
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action chunk as an array (horizon, dim) float64.
 
-        The request contains the actions of the last chunk that have not been executed.
+        The request contains the unexecuted actions of the last chunk.
         """
         more, options = self._continuation(observation.step)
         arrays = self._answer([self._seen(observation)], [observation], more, options)
@@ -375,7 +376,7 @@ class Gr00tOverlapClient(Gr00tClient):
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
         """Return the additional observation entries and the options for a chunk that continues the last chunk.
 
-        Return ({}, None) if too few actions of the last chunk have not been executed.
+        Return ({}, None) if too few unexecuted actions of the last chunk remain.
         """
         if self._last is None:
             return {}, None

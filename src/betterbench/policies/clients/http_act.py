@@ -139,7 +139,7 @@ class HttpActClient(ServerClient[HttpServer]):
         self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
         self._capabilities: Mapping[str, Any] = {}
         self._first = True
-        self._last: tuple[int, np.ndarray] | None = None  # step and values of the last answer, to send back
+        self._last: tuple[int, np.ndarray] | None = None  # step and actions of the last answer
         self._connection.open()
         self.info = describe_remote_policy(address, self.adapter, self._capabilities, says_actions=False)
 

@@ -62,7 +62,7 @@ class LerobotPolicy(AdaptedPolicy):
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
-        # An adapter that the address names is used as it is.
+        # Derive an adapter from the checkpoint unless the address names one.
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(

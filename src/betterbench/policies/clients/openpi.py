@@ -11,9 +11,9 @@ plain array of actions, and reports an error as a map with ``type`` "error". It 
 ``session_id``, which the client sends if the metadata contains ``needs_session_id``.
 
 openpi itself does not support real-time chunking. The fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
-and similar servers do. They accept the actions of the previous chunk that have not been executed as
-``prev_action_chunk``, together with ``inference_delay`` and ``execute_horizon``. These actions have the same units as
-the actions that the server returns. The client sends these fields if the option ``delay=N`` is set.
+and similar servers do. They accept the unexecuted actions of the previous chunk as ``prev_action_chunk``, together with
+``inference_delay`` and ``execute_horizon``. These actions have the same units as the actions that the server returns.
+The client sends these fields if the option ``delay=N`` is set.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from betterbench.policies.protocols.wire import (
     marks_arrays_as_nd,
 )
 
-if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
+if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
@@ -147,7 +147,7 @@ class OpenpiClient(ServerClient[WebSocket]):
     def _continuation(self, step: int) -> dict[str, Any]:
         """Return the request entries for real-time chunking.
 
-        The dict is empty if fewer than ``delay`` actions of the previous chunk have not been executed.
+        The dict is empty if fewer than ``delay`` unexecuted actions of the previous chunk remain.
         """
         if self._last is None or rows_left(*self._last, step=step) < self._delay:
             return {}

@@ -21,7 +21,7 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
+if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08

@@ -198,7 +198,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
 
 
 def space_cure(space: str) -> str:
-    """Return the advice for users whose policy has a different action space than the run.
+    """Return advice for a user whose policy has a different action space than the run.
 
     In LIBERO and CALVIN, the advice is to use another policy or preset, because their action space is fixed.
     """

@@ -213,10 +213,10 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the CALVIN adapter for the kind of policy that a general adapter is made for.
+    """Return the CALVIN adapter that corresponds to a general adapter, such as ``x_vla_calvin`` for ``x_vla``.
 
-    ``chosen`` is True if the policy address explicitly names the preset. If there is no corresponding CALVIN adapter,
-    the given adapter is returned.
+    If there is no corresponding adapter, return the given adapter. ``chosen`` is True if the policy address explicitly
+    names the preset.
     """
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)

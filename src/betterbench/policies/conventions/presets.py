@@ -459,7 +459,7 @@ UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LA
 """Name of the general preset for each preset ``..._SUITE``.
 
 The presets ``..._SUITE`` convert betterbench's observations to LIBERO's conventions. In LIBERO itself, this conversion
-is not needed, so the general preset is used.
+is not needed, so the policy address must name the general preset.
 """
 
 

@@ -82,7 +82,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts with a single value, each with the vector that contains the value and the index in this vector."""
+"""Vector and index of each part that is a single component of a vector."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -97,7 +97,7 @@ _SIZES: dict[str, int] = {
     **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
-"""Number of values in each part that has several. If the number depends on the robot, it is given for the Panda."""
+"""Number of values in each part with several values. If it depends on the robot, the number is that of the Panda."""
 
 _PER_JOINT = ("joint_positions", "joint_velocities")
 """Parts with one value per arm joint."""

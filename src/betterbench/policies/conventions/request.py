@@ -20,7 +20,7 @@ from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
+if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
 
 _MOST_LISTS = 3

@@ -2,8 +2,8 @@
 
 In the format of json-numpy, an array is a map with the base64-encoded bytes (``__numpy__``), the dtype and the shape.
 Some servers expect a string with the JSON text of this map instead of the map. As in
-:mod:`betterbench.policies.protocols.wire`, received bodies are not trusted: the decoder returns a value or raises a
-:class:`PolicyError`, whatever the bytes are.
+:mod:`betterbench.policies.protocols.wire`, received bodies are not trusted: for any bytes, the decoder returns a value
+or raises a :class:`PolicyError`.
 """
 
 from __future__ import annotations

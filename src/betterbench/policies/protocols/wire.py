@@ -4,10 +4,10 @@ In all variants, a message is a map of strings, numbers and arrays, but arrays a
 openpi's client, as in vla-evaluation-harness, as .npy files (GR00T up to N1.6), or as in the package msgpack-numpy. The
 last variant, ``nd``, is used by GR00T N1.7 and by some servers with openpi's protocol.
 
-Received messages are not trusted. The decoders return a value or raise a :class:`PolicyError`, whatever the bytes are,
-and need at most a few times as much memory as the size of the message. The depth and the number of values are checked
-before decoding. The number of bytes of an array must match its type and shape. The size of an image is checked before
-the image is decompressed.
+Received messages are not trusted. For any bytes, the decoders return a value or raise a :class:`PolicyError`, and they
+need at most a few times as much memory as the size of the message. The nesting depth and the number of values are
+checked before decoding. The number of bytes of an array must match its type and shape. The size of an image is checked
+before the image is decompressed.
 """
 
 from __future__ import annotations
@@ -311,9 +311,9 @@ def _mark_gr00t(thing: object) -> object:
 def _read_gr00t(form: dict[Any, Any]) -> object:
     if "__ndarray_class__" in form:
         return _npy(form.get("as_npy"))
-    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # up to N1.6, and in N1.7
+    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # keys of N1.5 and N1.6, and of N1.7
         return _modality(form.get("as_json"))
-    return _read_nd(form) if _is_nd(form) else form  # N1.7
+    return _read_nd(form) if _is_nd(form) else form  # array format of N1.7
 
 
 def _npy(data: object) -> np.ndarray:
