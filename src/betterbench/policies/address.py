@@ -246,7 +246,7 @@ class PolicyAddress:
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return the names of those of the given options that this address sets."""
+        """Return the names of the options in ``options`` that this address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property

@@ -83,7 +83,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return the settings for executing chunks. The defaults are those of LeRobot's evaluation."""
+        """Return the settings for executing chunks. By default, chunks are executed as in LeRobot's evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config

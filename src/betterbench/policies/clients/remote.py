@@ -87,7 +87,7 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
 
 
 class AdaptedPolicy:
-    """Policy that uses an adapter, and whose conventions are compared with those of a run."""
+    """Policy that uses an adapter and can check its conventions against a run."""
 
     adapter: Adapter
     server: Declaration
@@ -96,11 +96,11 @@ class AdaptedPolicy:
 
     @property
     def _compared(self) -> Declaration:
-        """Conventions of the policy that are compared with those of a run."""
+        """Conventions of the policy that :meth:`check` compares with a run."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with those of the policy.
+        """Check that a run and the policy use the same conventions.
 
         Raises HandshakeError if they differ. The message quotes both values.
         """

@@ -110,8 +110,8 @@ class AnswerPart:
 class AnswerRule:
     """Rule that converts a policy's answer to actions, according to its columns, frame, units and gripper convention.
 
-    By default, the rotation format, the units and the gripper convention are those of the action space. For example, an
-    answer in the action space ``calvin_relative`` is then executed unchanged.
+    By default, the rotation format, the units and the gripper convention are taken from the action space. For example,
+    an answer in the action space ``calvin_relative`` is then executed unchanged.
 
     Attributes:
         space: Name of the action space.
@@ -332,7 +332,7 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions of the answer equal those of the action space."""
+        """Whether the answer uses exactly the conventions of the action space."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
@@ -371,7 +371,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # Multiply by a single factor, which is exactly 1 if the units are those of the action space.
+            # Multiply by a single factor, which is exactly 1 if the answer uses the units of the action space.
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)

@@ -80,7 +80,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """JSON form of a betterbench server's declaration. Unknown fields, such as those of newer servers, are ignored."""
+    """JSON form of a betterbench server's declaration. Unknown fields, which newer servers may send, are ignored."""
 
     preset: str
     action_space: dict[str, Any]

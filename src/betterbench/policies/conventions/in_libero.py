@@ -1,8 +1,8 @@
 """Presets that reproduce the requests and actions of existing evaluation clients for LIBERO.
 
 In betterbench's own scenes, a preset such as ``starvla`` is for a policy that was fine-tuned on betterbench
-demonstrations. In LIBERO, the same name is for a checkpoint that was trained on LIBERO. The actions passed to
-``env.step`` are identical to those of the policy's own evaluation client (tests/sim/worlds/test_answers.py).
+demonstrations. In LIBERO, the same name is for a checkpoint that was trained on LIBERO. betterbench then passes exactly
+the same actions to ``env.step`` as the policy's own evaluation client (tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
 ``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
@@ -37,7 +37,7 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return an adapter whose requests and actions match those of the policy's own evaluation client for LIBERO.
+    """Return an adapter that reproduces the requests and actions of the policy's own evaluation client for LIBERO.
 
     If the given adapter already matches this client, it is returned unchanged.
     """

@@ -84,8 +84,8 @@ OPENPI_LIBERO = Adapter(
 Use this preset for a policy that was fine-tuned on betterbench demonstrations, and ``openpi_libero_SUITE`` for a
 checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). betterbench's images are
 upright, so they must not be rotated by 180 degrees. The state consists of the position [m] and rotation vector [rad] of
-the end effector and the positions [m] of the two finger joints. The execution horizon is that of openpi's example
-client.
+the end effector and the positions [m] of the two finger joints. The execution horizon is the same as in openpi's
+example client.
 """
 
 OPENPI_DROID = Adapter(
@@ -120,7 +120,7 @@ commanded positions.
 
 DROID's exterior camera is at the side of the robot. The closest camera in betterbench is ``left_shoulder``, which
 ``--observation droid`` renders. To use the front view instead, add ``camera.observation/exterior_image_1_left=front``
-to the policy address. The execution horizon is that of openpi's example client.
+to the policy address. The execution horizon is the same as in openpi's example client.
 """
 
 GR00T_NEW_EMBODIMENT = Adapter(
@@ -198,7 +198,7 @@ GR00T_OXE_WIDOWX = Adapter(
 """Layout of GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and of the WidowX
 example of N1.5 (``examples/SimplerEnv/custom_data_config.py``).
 
-The conventions are those of BridgeData V2: translations in meters, rotations as angles about the base axes, and a
+The conventions follow BridgeData V2: translations in meters, rotations as angles about the base axes, and a
 control rate of 5 Hz. A gripper value of 1 means open. Rotations in the state are relative to a tool that points
 straight down (``bridge_data_robot``, ``widowx_controller.py``: ``DEFAULT_ROTATION``; SimplerEnv's clients do the same).
 Deltas are executed as velocities: each control step at 20 Hz executes a quarter of a delta.
@@ -326,7 +326,7 @@ OPENVLA_OFT = Adapter(
 )
 """Layout of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state.
 
-The answer is an action chunk. All other conventions are those of :data:`OPENVLA`. Use ``openvla_oft_libero_SUITE`` for
+The answer is an action chunk. All other conventions are as in :data:`OPENVLA`. Use ``openvla_oft_libero_SUITE`` for
 checkpoints that were trained on LIBERO itself.
 """
 
@@ -402,7 +402,7 @@ LEROBOT = Adapter(
 """Layout with LeRobot's feature names.
 
 It equals the adapter that ``lerobot:CHECKPOINT`` derives from a checkpoint trained on betterbench's data export. The
-state is that of betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+state is the same as in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 LEROBOT_SO101: dict[str, Adapter] = {

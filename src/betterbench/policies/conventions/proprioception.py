@@ -146,7 +146,7 @@ class StateRule:
     def columns(self, joints: int | None = None) -> list[tuple[StatePart, slice]]:
         """Return the parts of the vector, each with the slice of the vector that contains its values.
 
-        ``joints`` is the number of arm joints. The default is that of the Panda.
+        ``joints`` is the number of arm joints. By default, it is 7, as for the Panda.
         """
         found, begin = [], 0
         for part in self.parts:

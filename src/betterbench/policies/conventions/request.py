@@ -48,8 +48,8 @@ class Request:
         start: Start of the episode, or None if the client does not send it.
         trial: Trial that the client evaluates, or None if the client does not send it. Only experts need the trial.
         observation: Observation of the client, or None if the client sends neither joint positions nor a state.
-        measured: Whether the observation contains joint positions. If so, the server compares them with those of its
-            shadow simulation.
+        measured: Whether the observation contains joint positions. If so, the server compares them with its shadow
+            simulation.
     """
 
     instruction: str

@@ -32,7 +32,7 @@ from betterbench.policies.serving.listener import listen
 logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 8000
-"""Default port, which is that of openpi's server."""
+"""Default port, as in openpi's server."""
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 128
 """Default maximum number of clients.
