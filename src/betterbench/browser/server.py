@@ -78,7 +78,7 @@ class PageServer:
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # do not log an error when a browser tab is closed
         self._incoming = IncomingMessages(complain)
         self._gate = Gate(host, self._incoming, verb=verb)
-        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
+        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # hide viser's banner
             self.viser = viser.ViserServer(host=host, port=wanted, label=verb, verbose=False)
         self.port = int(self.viser.get_port())
         if not self._gate.is_closed:
@@ -113,7 +113,7 @@ class PageServer:
 
         :attr:`is_busy` tells whether the server is still stopping afterwards.
         """
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
+        with contextlib.redirect_stdout(io.StringIO()):  # hide viser's message that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)
 

@@ -49,7 +49,7 @@ class Option:
     most: float = math.inf
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a field is not allowed."""
+        """Check the fields. Raises ValueError or TypeError if a value is invalid."""
         name: object = self.name
         meaning: object = self.meaning
         if not isinstance(name, str) or not name:
@@ -136,7 +136,7 @@ class AddressForm:
     port: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a field is not allowed."""
+        """Check the fields. Raises ValueError or TypeError if a value is invalid."""
         where = f"policy kind {self.scheme}"
         if self.target not in get_args(_Target):
             raise ValueError(f"{where}: target={self.target!r} is unknown. Use {_listed(_Target)}")

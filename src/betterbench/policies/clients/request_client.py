@@ -59,7 +59,8 @@ class RequestClient:
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                # If the server sent a second answer to the last request, it would be mistaken for the next answer.
+                # If the server has sent a second answer to the last request, it would be mistaken for the answer to
+                # this request.
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
                     raise ConnectionError("the server sent an unexpected answer")
@@ -86,7 +87,7 @@ class RequestClient:
             if self._ended.is_set():
                 raise ConnectionError("the connection was closed on this side")
             if self._monitor in ready:
-                # ZeroMQ closes the connection if an answer is too large, without saying why.
+                # ZeroMQ also closes the connection if an answer is too large, and gives no reason.
                 raise ConnectionError(
                     f"the server closed the connection, or its answer exceeds {MAX_FRAME_BYTES} bytes"
                 )

@@ -148,7 +148,7 @@ class WebSocket:
 
         def cut() -> None:
             late.set()
-            # Call the shutdown method of a plain socket, because an encrypted socket's own method would wait for the
+            # Call the shutdown method of socket.socket, because the method of an encrypted socket would wait for the
             # server.
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)

@@ -1,8 +1,8 @@
 """Protection of local servers against requests from foreign web pages.
 
 A browser lets any web page send requests to servers on this machine. These functions distinguish such requests from
-requests of local programs and of the server's own pages. The browser sends the site of the page (``Origin``) and the host
-name of the server (``Host``) with each request. In a DNS rebinding attack, a foreign host name resolves to this
+requests of local programs and of the server's own pages. The browser sends the site of the page (``Origin``) and the
+host name of the server (``Host``) with each request. In a DNS rebinding attack, a foreign host name resolves to this
 machine. ``Host`` then contains the foreign name instead of a name of this machine.
 """
 

@@ -271,7 +271,7 @@ class PolicyServer:
             text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
             logger.warning("%s: %s", client, text.strip().splitlines()[-1])
             if session is not None:
-                session.close()  # before the client gets the error and reconnects
+                session.close()  # first, because the client may reconnect as soon as it receives the error
                 session = None
             with contextlib.suppress(ConnectionClosed):
                 connection.send(text)
