@@ -574,9 +574,9 @@ def test_every_difference_is_named_in_one_line():
         compare_declarations(ours, theirs)
     text = str(caught.value)
     for part in (
-        "rotation: this side says 'rpy', the server says 'axis_angle'",
-        "rate hz: this side says 20, the server says 15",
-        "camera front: this side says 224 x 224, the server says 256 x 256",
+        "rotation: this side declares 'rpy', the server declares 'axis_angle'",
+        "rate hz: this side declares 20, the server declares 15",
+        "camera front: this side declares 224 x 224, the server declares 256 x 256",
         "camera top: the server needs this image, but this side provides front",
     ):
         assert part in text

@@ -146,7 +146,7 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("toy:a?turns=1&turns=2", "an option is given twice"),
         ("toy:a?turns=", "turns has no value. Give the turns as turns=VALUE, or omit turns"),
         ("toy:a?turns", "the options cannot be read"),
-        ("toy:", "nothing follows the colon. Write toy:NAME"),
+        ("toy:", "the target after the colon is missing. Write toy:NAME"),
         ("toi:a", "Unknown policy kind 'toi'. Did you mean 'toy'"),
         ("toy", "Unknown policy 'toy'"),
         ("noop?speed=1", "noop does not take options. Write noop"),

@@ -458,16 +458,16 @@ def test_the_space_of_a_native_server_is_taken_over():
 @pytest.mark.parametrize(
     ("change", "query", "text"),
     [
-        ({"control_rate_hz": 15.0}, "", "rate hz: this side says 20, .* says 15"),
-        ({"preset": "other"}, "preset=openpi_libero", "preset: this side says 'openpi_libero', .* says 'other'"),
-        ({"action_space": {**EE_DELTA.to_json(), "scale": [1.0] * 7}}, "", r"action scale: .*0\.05.* says \(1, 1"),
-        ({"action_space": EE_DELTA.to_json()}, "action_space=ee_pose", "action space: .*'ee_pose', .* says 'ee_delta'"),
+        ({"control_rate_hz": 15.0}, "", "rate hz: this side declares 20, .* declares 15"),
+        ({"preset": "other"}, "preset=openpi_libero", "preset: .*'openpi_libero', .* declares 'other'"),
+        ({"action_space": {**EE_DELTA.to_json(), "scale": [1.0] * 7}}, "", r"action scale: .*0\.05.* declares \(1, 1"),
+        ({"action_space": EE_DELTA.to_json()}, "action_space=ee_pose", "action space: .*'ee_pose', .* 'ee_delta'"),
         ({"protocol": 2}, "", "version 2"),
         ({"action_space": {"name": "x"}}, "", "cannot be read"),
         ({"action_space": 3}, "", "action_space: is not a JSON object"),
-        ({"execution": {"horizon": 0}}, "", "an impossible way of executing chunks .*must be"),
-        ({"execution": {"speed": 2}}, "", "the declaration of how chunks are executed cannot be read"),
-        ({"execution": {"horizon": True}}, "", "the declaration of how chunks are executed cannot be read"),
+        ({"execution": {"horizon": 0}}, "", "invalid settings for executing chunks .*must be"),
+        ({"execution": {"speed": 2}}, "", "the declared settings for executing chunks are malformed"),
+        ({"execution": {"horizon": True}}, "", "the declared settings for executing chunks are malformed"),
     ],
 )
 def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
@@ -481,11 +481,11 @@ def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
 def test_the_run_is_compared_before_it_starts():
     with Server() as server, client(server) as policy:
         policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
-        with pytest.raises(HandshakeError, match=r"the run says 'ee_pose'.*returns actions in 'ee_delta'"):
+        with pytest.raises(HandshakeError, match=r"the run uses 'ee_pose'.*returns actions in 'ee_delta'"):
             policy.check(space="ee_pose", observation=observation_spec("default"), rate_hz=20.0)
         with pytest.raises(HandshakeError, match=r"needs front, wrist .* the run renders none"):
             policy.check(space="ee_delta", observation=observation_spec("state_only"), rate_hz=20.0)
-        with pytest.raises(HandshakeError, match="the run says 15 Hz"):
+        with pytest.raises(HandshakeError, match="the run uses 15 Hz"):
             policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=15.0)
 
 
@@ -630,7 +630,7 @@ def test_a_server_that_comes_back_as_another_one_stops_the_run(observation):
         with first:
             policy = stack.enter_context(client(first, "preset=openpi_libero&timeout=5&patience=20"))
         stack.enter_context(Server(port=first.port, greeting=other))
-        with pytest.raises(HandshakeError, match=r"preset: this side says 'openpi_libero'.*'native'"):
+        with pytest.raises(HandshakeError, match=r"preset: this side declares 'openpi_libero'.*'native'"):
             policy.act(observation)
 
 

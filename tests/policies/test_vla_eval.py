@@ -234,7 +234,7 @@ def test_an_error_of_the_model_ends_the_trial_and_the_next_one_goes_on():
 @pytest.mark.parametrize(
     ("model", "text"),
     [
-        (Scripted(action={**TWIST, "rotation": ROTATION_EULER}), "rotation: this side says 'axis_angle', .*euler_xyz"),
+        (Scripted(action={**TWIST, "rotation": ROTATION_EULER}), "rotation: .* declares 'axis_angle', .*euler_xyz"),
         (Scripted(action={**TWIST, "gripper": GRIPPER_CLOSE_NEG}), "gripper: .*close_positive.*close_negative"),
         (Scripted(action={**TWIST, "position": POSITION_ABSOLUTE}), "position: .*delta_xyz.*absolute_xyz"),
         (Scripted(action=TWIST, seen={**SEEN, "state": STATE_EEF_POS_QUAT_GRIP}), "state: .*axisangle3.*quat4"),
@@ -264,7 +264,7 @@ def test_specs_that_agree_or_promise_nothing_pass(model, query):
     with real(model) as address:
         policy = make_policy(f"{address}{query}")
         policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
-        with pytest.raises(HandshakeError, match="the run says 'ee_pose'"):
+        with pytest.raises(HandshakeError, match="the run uses 'ee_pose'"):
             policy.check(space="ee_pose", observation=observation_spec("default"), rate_hz=20.0)
         policy.close()
 

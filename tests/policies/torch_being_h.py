@@ -275,7 +275,7 @@ def laughing():
         (laughing(), "more than 200000 values"),
         (saved({1: 2}), "keys that are not strings"),
         (saved({"a": torch.zeros(1).expand(10**9)}), "too large"),
-        (saved({"a": torch.zeros(1).expand(10**7)}), "larger than its bytes"),
+        (saved({"a": torch.zeros(1).expand(10**7)}), "larger than its storage"),
         (saved({"a": torch.zeros(3, 3).to_sparse()}), "sparse"),
         (saved({"a": {1, 2}}), "the file contains a set"),
         (saved({"a": np.array(["text"])}), "not a plain number"),

@@ -35,7 +35,7 @@ def hostile_bench(folder, options, **limits):
         ("short", "(5,)"),
         ("empty", "(0, 6)"),
         ("ragged", "ValueError"),
-        ("none", "no array of numbers"),
+        ("none", "expected an array of numbers"),
         ("deep", "(2, 2, 6)"),
         ("complex", "number"),
         ("vanishes", "Vanish: gone"),

@@ -1,8 +1,8 @@
-"""Python API of the package, with functions that do the same as the subcommands of ``better``.
+"""Python API of betterbench. Its functions correspond to subcommands of ``better``.
 
 - ``runs``: evaluate a policy; open, diagnose and compare runs.
-- ``report``: write the report of runs, with films rendered from their records.
-- ``environments``: use tasks as environments, including tasks defined in user files.
+- ``report``: write the report of runs, with videos rendered from their records.
+- ``environments``: create Gymnasium environments; load tasks and assets from user files.
 
-The public names are also available in :mod:`betterbench`, which imports them when they are first used.
+All public names can be imported from :mod:`betterbench`.
 """

@@ -1,4 +1,4 @@
-"""Conversion of error messages of the command line to the Python API: options are replaced by argument names."""
+"""Adaptation of error messages to the Python API: command-line options are replaced by names of arguments."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,14 +6,15 @@ from contextlib import contextmanager
 from betterbench.errors import InvalidInputError
 
 _OTHER_NAMES = {"name": "names", "policy_timeout": "policy_timeout_s"}
-"""Python arguments that are named differently from their command-line options: lists have plural names, and names of
-quantities contain the unit.
+"""Python argument for each command-line option with a different name.
+
+Arguments that are lists have plural names, and names of quantities contain the unit.
 """
 
 
 @contextmanager
 def options_as_arguments() -> Iterator[None]:
-    """In error messages, replace a command-line option ("--until-decided") by the Python argument ("until_decided")."""
+    """Context manager that replaces an option ("--until-decided") in an error by the argument ("until_decided")."""
     try:
         yield
     except InvalidInputError as error:

@@ -1,4 +1,4 @@
-"""Tasks as Gymnasium environments, including tasks defined in user files."""
+"""Functions that create Gymnasium environments of tasks, and load tasks and assets from user files."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ def make_env(
     looks: str = "seen",
     render_mode: str | None = None,
 ) -> TaskEnv:
-    """Create the Gymnasium environment of a task. Unlike ``gymnasium.make``, this adds no wrappers.
+    """Create the Gymnasium environment of a task. In contrast to ``gymnasium.make``, no wrappers are added.
 
     Args:
-        task: ID of the task ("fast_food").
-        variation: Name of a variation ("T1") or training condition ("train2"). By default, the first training
-            condition.
-        observation: Name of an observation preset. "state_only" renders no images.
+        task: ID of the task, such as "fast_food".
+        variation: Name of a variation, such as "T1", or of a training condition, such as "train2". By default, the
+            first training condition.
+        observation: Name of an observation preset. With "state_only", no images are rendered.
         action_space: Name of an action space.
         quality: Name of a rendering preset.
-        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
-        render_mode: "rgb_array" for images of the front camera.
+        looks: Appearance of objects and rooms: "seen" (as in the demonstrations) or "unseen".
+        render_mode: "rgb_array" if ``render`` must return images of the front camera.
 
     Raises:
-        UnknownNameError: If a name is unknown. The message lists the closest names.
+        UnknownNameError: If a name is unknown. The message suggests similar names.
     """
     return TaskEnv(
         task,
@@ -47,25 +47,25 @@ def make_env(
 
 
 def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
-    """Load Python files that define tasks, assets, relations, failure modes or learners, as ``--task-file`` does.
+    """Load Python files that define tasks, assets, relations, failure modes or learners.
 
-    Each file is loaded once per process, including worker processes. If Gymnasium has been imported, the tasks are also
-    registered with Gymnasium.
+    The command-line option ``--task-file`` does the same. Worker processes load the files as well. If Gymnasium has
+    been imported, the tasks are also registered with Gymnasium.
 
     Raises:
         InvalidInputError: If a file is missing, raises an error, or registers a name that already exists.
     """
     user_files.load_task_files([paths] if isinstance(paths, str | Path) else paths)
     if "gymnasium" in sys.modules:
-        from betterbench.api.registration import register_environments  # noqa: PLC0415 - it imports Gymnasium
+        from betterbench.api.registration import register_environments  # noqa: PLC0415 - imports Gymnasium
 
         register_environments()
 
 
 def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
-    """Load folders of assets that ``better assets import`` has written, as ``--asset-dir`` does.
+    """Load folders of assets that were written by ``better assets import``. Tasks can then use the assets by name.
 
-    Each folder is loaded once per process, including worker processes. Tasks can then use the assets by name.
+    The command-line option ``--asset-dir`` does the same. Worker processes load the folders as well.
 
     Raises:
         InvalidInputError: If a folder is missing or contains no imported assets.

@@ -1,4 +1,4 @@
-"""Registration of every task with Gymnasium."""
+"""Registration of all tasks with Gymnasium."""
 
 import gymnasium
 
@@ -6,10 +6,10 @@ from betterbench.tasks import environment_id, task_names
 
 
 def register_environments() -> None:
-    """Register all tasks with Gymnasium that are not registered yet ("BeTTER/FastFood-v0").
+    """Register all tasks with Gymnasium under IDs such as "BeTTER/FastFood-v0", if they are not registered yet.
 
-    Importing betterbench does this automatically if Gymnasium was imported first, as in
-    ``gymnasium.make("betterbench:BeTTER/FastFood-v0")``. Call this function if betterbench was imported first.
+    If Gymnasium has been imported before betterbench, as in ``gymnasium.make("betterbench:BeTTER/FastFood-v0")``,
+    importing betterbench registers the tasks. Otherwise, call this function.
     """
     for task in task_names():
         name = environment_id(task)

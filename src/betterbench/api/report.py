@@ -1,4 +1,4 @@
-"""Report about one or more runs. It includes videos of trials, which are rendered from the recorded states."""
+"""Creation of the report of one or more runs, including videos of trials rendered from the recorded states."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from betterbench.vqa.knowing import read_knowledge
 logger = logging.getLogger(__name__)
 
 THUMBNAIL_PX = 200
-"""Size of the images on the cards of variations [px]."""
+"""Width and height of the images on the cards of variations [px]."""
 
 FILMS = 40
-"""Default for the maximum number of trials that are shown as films."""
+"""Default for the maximum number of trials that are shown as films (videos)."""
 
 SOLVED_FILMS = 2
-"""Maximum number of successful trials per run that are shown as films. Since they look alike, a few are enough."""
+"""Maximum number of films of successful trials per run. A few suffice, because successful trials look alike."""
 
 
 @contextmanager
@@ -53,13 +53,13 @@ def _no_bar(_what: str) -> Iterator[OnCount]:
 
 @dataclass(frozen=True, slots=True)
 class ReportListener:
-    """Functions that are called with messages and progress while a report is built.
+    """Callbacks for messages and progress while a report is built.
 
     Attributes:
-        say: Function that is called with a message of one line.
-        warn: Function that is called with a warning if this machine cannot render films.
-        bar: Function that takes the name of a step and returns a context manager, which shows a progress bar. On entry,
-            it provides a function to be called with the number of finished items and the number of all items.
+        say: Function that is called with each message, which is one line of text.
+        warn: Function that is called with a warning if films cannot be rendered.
+        bar: Function that is called with the name of a step and returns a context manager for a progress bar. On entry,
+            the context manager returns a function that takes the number of finished items and the total number.
     """
 
     say: Callable[[str], None] = logger.info
@@ -68,7 +68,7 @@ class ReportListener:
 
 
 class BuiltReport(NamedTuple):
-    """Result of building a report: the path of the page, and one sentence per run that states its verdict."""
+    """Built report: path of the page, and lines of text with the verdict on each run."""
 
     page: Path
     verdicts: tuple[str, ...]
@@ -84,11 +84,17 @@ def build_report(
     films: int = FILMS,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Diagnose runs, render their failures and write the report page. Return the path of the page and the verdicts.
+    """Diagnose runs, render their failures and write the report page.
 
-    ``films`` is the maximum number of trials, over all runs together, that are shown as films. If it is 0, nothing is
-    rendered. For runs in LIBERO-PRO, ``twins`` may contain one run of the same policy in the original suite (such as
-    LIBERO) for each run; otherwise it is empty.
+    Args:
+        runs: Runs of the report.
+        out: Folder of the report.
+        names: Name of each run on the page. By default, the name of its policy.
+        twins: For runs in LIBERO-PRO, one run folder of the same policy in the original suite (LIBERO) for each run.
+            Empty otherwise.
+        latex: Whether to also write the tables as LaTeX files.
+        films: Maximum total number of trials that are shown as films. With 0, nothing is rendered.
+        listener: Callbacks for messages and progress.
     """
     if twins and len(twins) != len(runs):
         problem = f"got {len(twins)} for {plural(len(runs), 'run')}"
@@ -109,7 +115,8 @@ def build_report(
             media = _media(runs, diagnoses, films, listener)
         except (MissingDependencyError, RecordError, WorldError) as error:
             listener.warn(f"no films: {error}")
-    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # runs that can be replayed
+    # Trials in betterbench's own scenes can be replayed, so the page shows the command for this.
+    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]
     media = replace(media, folders={d.policy: str(run.path) for d, run in ours})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
     stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
@@ -134,18 +141,19 @@ def write_report(
     films: int = FILMS,
     overwrite: bool = False,
 ) -> Path:
-    """Write the report of one or several runs, as ``better report`` does. Return the path of its page.
+    """Write the report of one or more runs, like ``better report``. Return the path of the HTML page.
 
-    The page needs no network and no other file. The tables are also written as CSV and LaTeX files to the same folder.
+    The page is self-contained and can be opened without a network connection. The tables are also written as CSV and
+    LaTeX files to the same folder.
 
     Args:
         *runs: Runs, or their folders.
         out: Folder of the report. By default, the folder ``report`` inside the folder of the first run.
-        names: Name of each run on the page, in the order of the runs. By default, each run has the name of its policy.
-        twins: For runs in LIBERO-PRO: folders of runs in the base suite by the same policies, one for each run.
-        latex: Whether to write the tables as LaTeX files, too.
-        films: Maximum number of trials that are shown as films. The other failures get one image each. With 0, nothing
-            is rendered.
+        names: Name of each run on the page, in the order of the runs. By default, the names of the policies.
+        twins: For runs in LIBERO-PRO, one run of the same policy in the original suite (LIBERO) for each run.
+        latex: Whether to also write the tables as LaTeX files.
+        films: Maximum total number of trials that are shown as films (videos). Each other failure is shown as one
+            image. With 0, nothing is rendered.
         overwrite: Whether to write into a folder that contains other files.
 
     Raises:
@@ -178,7 +186,7 @@ def report_into(
     overwrite: bool = False,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Build a report, by default in the folder of the first run. See :func:`build_report`.
+    """Build a report in a folder, by default in the folder of the first run (see :func:`build_report`).
 
     Raises:
         InvalidInputError: If no run is given, or if a run is given twice.
@@ -193,9 +201,9 @@ def report_into(
 
 
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
-    """Return the trials that can be shown as films, the most informative first.
+    """Return the trials to show as films, sorted by importance.
 
-    Failures come first, then one trial for each remaining cell of the diagnostic matrices, then a few successes.
+    Failures come first, then one trial for each condition of the diagnostic matrices, then a few other successes.
     """
     aside = {t.key for t in diagnosis.trials if t.success or t.ambiguous}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
@@ -224,7 +232,8 @@ def _conditions_of_matrices() -> frozenset[str]:
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
     """Render at most ``films`` films for all runs together, and one image for each other failure.
 
-    For runs in LIBERO, the path of the gripper is not drawn into the images, since the camera pose is not recorded.
+    The path of the gripper is drawn into these images. Runs in LIBERO and CALVIN get no such images, because their
+    camera poses are not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
@@ -240,8 +249,8 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
             say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
         else:
             say(
-                f"No films: only trials of variations are filmed, but these {plural(recorded, 'record')} belong to "
-                "training."
+                f"No films: only trials of variations are filmed, but the {plural(recorded, 'record')} belong to "
+                "training conditions."
             )
         return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
@@ -291,9 +300,9 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the panel of a film that shows one trial.
+    """Return the panel of a film that shows one trial, with a heading that contains ``what`` and the trial.
 
-    If the film has a second panel, it shows the training twin, which is the training trial with the same seed.
+    A film may show a trial and its training twin, i.e. the training trial with the same seed, in two panels.
     """
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
@@ -306,9 +315,9 @@ def _paths(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, bytes]:
-    """Return, for each failed trial and its training twin, the image of the initial state with the gripper's path.
+    """Render the initial state of each failed trial and of its training twin, with the path of the gripper drawn in.
 
-    The training twin is the training trial with the same seed.
+    The training twin is the training trial with the same seed. Return the images by film key.
     """
     if not failed:
         return {}
@@ -333,7 +342,7 @@ def _thumbnails(
     views: LimitedViews,
     listener: ReportListener,
 ) -> dict[str, Thumbnails]:
-    """For each variation without images, render the scene of one trial and of the training trial with the same seed."""
+    """Render thumbnails of each variation that is not in ``made``: one trial, and the training trial with its seed."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

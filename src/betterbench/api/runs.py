@@ -1,4 +1,4 @@
-"""Functions to evaluate a policy, and to open, diagnose and compare runs."""
+"""Functions that evaluate a policy, and open, diagnose and compare runs."""
 
 from __future__ import annotations
 
@@ -46,42 +46,41 @@ def evaluate(
     allow_changed_policy: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> RunFolder:
-    """Evaluate a policy, as ``better eval`` does, and return the run. The same call resumes an unfinished run.
+    """Evaluate a policy, like ``better eval``, and return the run. The same call resumes an unfinished run.
 
-    Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get as
-    many trials as the variations do, among them the counterfactual twins (training trials with the same seeds). Suites
-    of LIBERO and CALVIN are evaluated with the command ``better eval``.
+    Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get
+    as many trials as its variations. They include the counterfactual twins, which are training trials with the seeds
+    of the variations. To evaluate a policy in LIBERO or CALVIN, use the command ``better eval``.
 
     Args:
-        policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy"; see
-            ``better list policies``), or a policy object of your own, which answers in this process.
+        policy: Policy address, such as "expert", "openpi://gpu-box:8000?preset=openpi_libero" or
+            "python:my.py:MyPolicy" (see ``better list policies``), or a policy object, which runs in this process.
         tasks: Tasks to run. By default, all tasks of the suite better60.
-        variations: Variations to run ("L1", "fast_food/T1"). By default, all variations of the tasks.
+        variations: Variations to run, such as "L1" or "fast_food/T1". By default, all variations of the tasks.
         trials: Number of trials per variation.
         seed: First seed.
         out: Run folder. By default, ``runs/POLICY``, where POLICY is the name of the policy.
-        action_space: Action space of the policy. By default, a policy object's ``info`` determines it; for a policy
-            address, it is ee_delta.
+        action_space: Action space of the policy. By default, the action space in the ``info`` of a policy object, and
+            ee_delta for a policy address.
         observation: Name of an observation preset.
         quality: Name of a rendering preset.
-        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
-        until_decided: Whether to stop a variation as soon as its verdict is certain. ``trials`` is then the maximum.
+        looks: Appearance of objects and rooms: "seen" (as in the demonstrations) or "unseen".
+        until_decided: Whether to stop running a variation as soon as its verdict is certain. ``trials`` is then the
+            maximum number of trials.
         workers: Number of worker processes. It must be 1 if ``policy`` is an object. None starts one worker per CPU
-            core. A script that uses more than one worker needs ``if __name__ == "__main__":``, because each worker
-            imports the script again.
-        policy_timeout_s: Maximum time for one reply of a policy that does not run on a server [s].
-        certificate: Certificate written by ``better certify``, or the folder of the certificate. By default, the
-            packaged certificate is used.
-        uncertified: Whether to run trials even if they are not certified.
-        allow_changed_policy: Whether to resume the run even if the description of the policy has changed since the run
-            began.
-        on_progress: Function that is called at the start and after every trial.
+            core. A script that uses several workers must be protected by ``if __name__ == "__main__":``, because each
+            worker imports the script.
+        policy_timeout_s: Maximum time for a reply of a policy that does not run on a server [s].
+        certificate: Certificate written by ``better certify``, or its folder. By default, the packaged certificate.
+        uncertified: Whether to run trials that are not certified.
+        allow_changed_policy: Whether to resume a run even if the description of the policy has changed.
+        on_progress: Function that is called at the start and after each trial.
 
     Raises:
         InvalidInputError: If an argument is out of range, or a trial is not certified.
-        UnknownNameError: If a name is unknown. The message lists the closest names.
-        PolicyError: If no trial could be run to its end, or the policy cannot be reached.
-        RunConflictError: If the folder contains a different run, or another process writes to the folder.
+        UnknownNameError: If a name is unknown. The message suggests similar names.
+        PolicyError: If no trial could be completed, or the policy cannot be reached.
+        RunConflictError: If the folder contains a different run, or another process is writing to the folder.
     """
     given = None if isinstance(policy, str) else GivenPolicy(policy)
     if given is not None and workers != 1:
@@ -116,10 +115,10 @@ def evaluate(
 
 
 def load_run(path: Path | str) -> RunFolder:
-    """Open an existing run for reading. It may have been made from Python or from the command line.
+    """Open an existing run for reading.
 
     Raises:
-        RecordError: If the folder contains no run, or if the run is damaged or of another version.
+        RecordError: If the folder contains no run, or if the run is damaged or has an unsupported version.
     """
     return RunFolder.open(Path(path))
 
@@ -131,14 +130,14 @@ def diagnose(
     allow_mixed: bool = False,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Diagnose every trial of a run from its records. No files are written.
+    """Diagnose the trials of a run from their records, without writing files.
 
     Args:
-        run: Run, or its folder. An unfinished run can be diagnosed too.
+        run: Run, or its folder. The run may be unfinished.
         twins: For a run in LIBERO-PRO, a run of the same policy in the original suite. The trials of the two runs are
             compared in pairs.
-        allow_mixed: Whether records with different versions, engines or policies may be diagnosed together.
-        on_progress: Function that is called with the number of diagnosed trials and the number of all trials.
+        allow_mixed: Whether the records may have different versions, engines or policies.
+        on_progress: Function that is called with the number of diagnosed trials and the total number of trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.
@@ -159,15 +158,14 @@ def compare(
     sequential: bool = False,
     allow_mixed: bool = False,
 ) -> Comparison:
-    """Compare policies in pairs. Each pair is compared on the trials that both of its runs contain.
+    """Compare each pair of policies on the trials that both runs contain.
 
     Args:
         *runs: Two or more runs, folders of runs, or files written by ``better export``.
         names: Names of the runs, in the same order. By default, the names of the policies.
         alpha: Significance level of the tests. The confidence level of the intervals is 1 - alpha.
-        sequential: Whether to add sequential tests, which stay valid if they are repeated while the runs are
-            unfinished.
-        allow_mixed: Whether to compare runs even if their versions or engines differ.
+        sequential: Whether to add sequential tests, which remain valid if they are repeated while more trials are run.
+        allow_mixed: Whether the runs may have different versions or engines.
 
     Raises:
         InvalidInputError: If an argument is out of range, if the runs have no trials in common, or if they belong to

@@ -1,9 +1,9 @@
-"""Pages that betterbench shows in a web browser.
+"""Local web servers for pages that betterbench shows in a browser, such as the teleoperation page.
 
-The pages are served on this machine, and a token in their address protects them from other users.
+A secret token in the address of a page protects it from other users of the machine.
 
-- ``server``: server that uses the library viser. ``plain``: server for files and JSON, which needs no library.
-- ``address``: address under which a page is opened.
-- ``gate``: access control. ``incoming``: filter for the messages that a page sends.
-- ``keys``: pressed keys and gamepad states, which the script of the page (``page.js``) sends.
+- ``server``: server based on the library viser. ``plain``: server for files and JSON without additional libraries.
+- ``address``: address of a page.
+- ``gate``: access control. ``incoming``: validation of the messages that a page sends.
+- ``keys``: keyboard and gamepad input, which the script ``page.js`` sends.
 """

@@ -1,7 +1,8 @@
-"""Access control for a page: requests without the token, and requests from other web sites, are rejected.
+"""Access control for viser pages, which rejects requests without the secret token and requests from other web sites.
 
-The token is the first part of the path. The websocket connection of the page uses the same address, so it contains the
-token too. The token is not stored in a cookie, because a server on another port could read the cookie.
+The token is the first part of the URL path. The websocket connection of the page uses the same path, so it also
+contains the token. The token is not stored in a cookie, because servers on other ports of the same host could read the
+cookie.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from betterbench.browser.incoming import MAX_MESSAGE_BYTES, IncomingMessages
 from betterbench.policies.serving.callers import is_own_host, is_own_origin
 
 OPEN_TIMEOUT_S = 5.0
-"""Time within which a new connection must send its request [s]."""
+"""Maximum time until a new connection has sent its request [s]."""
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -33,10 +34,10 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the response of the wrapped HTTP handler, or a response with status 400 if the handler raises an error.
+    """Return the response of viser's HTTP handler, or a response with status 400 if the handler raises an error.
 
-    Otherwise, the server would print a traceback for a request in which a header occurs twice or the path contains
-    invalid bytes.
+    Without this function, malformed requests, such as a request with a duplicate header or invalid bytes in the path,
+    would print a traceback.
     """
     try:
         return None if inner is None else inner(connection, request)
@@ -45,24 +46,26 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
 
 
 class Gate:
-    """Filter that admits only requests that contain the token and come from the page itself.
+    """Access control for a page: accepts only requests that contain the token and do not come from other web sites.
 
     Attributes:
-        token: Token with which every request path must begin.
-        is_closed: Whether the filter already protects a server. A server must not be used before this is True.
+        token: Secret token, with which the path of every request must begin.
+        is_closed: Whether a server has been started under this access control. If it is False after the server has been
+            started, the server is not protected.
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
-        """Draw a random token.
+        """Create a random token.
 
-        ``verb`` is the subcommand that shows the page, and ``incoming`` filters messages from the page.
+        ``host`` is the interface of the server, ``incoming`` validates the messages of the page, and ``verb`` is the
+        command that shows the page, such as "better teleop".
         """
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
         self._refused = _REFUSED.format(verb=verb)
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return the part of a request path that follows the token, or None if the token is missing or wrong."""
+        """Return the part of a request path after the token, or None if the token is missing or wrong."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):
@@ -70,10 +73,7 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Check a request, and return the part of its path that follows the token.
-
-        Return None if it must be rejected.
-        """
+        """Check a request. Return the part of its path after the token, or None if the request must be rejected."""
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None
@@ -81,9 +81,9 @@ class Gate:
 
     @contextmanager
     def before_servers(self) -> Iterator[None]:
-        """Protect every websocket server that is started while this context is active.
+        """Context manager that protects all websocket servers that are started in its body.
 
-        This is necessary because viser has no access control.
+        viser has no access control, so the function that starts its websocket server is replaced temporarily.
         """
         module = importlib.import_module("websockets.asyncio.server")
         serve = module.serve

@@ -1,8 +1,8 @@
-"""Filter for messages from a web page. It passes on to viser only the kinds of messages that the page itself sends.
+"""Validation of the messages that a page sends to viser.
 
-In viser, a message can set any property of any element and call any registered function. A wrong value could end the
-session or block pages that are opened later, and one type of message would publish the page on the internet. Each
-message is therefore checked against a schema of the messages that the page sends. All other checks are left to viser.
+viser accepts messages that set any property of any element or call any registered function. An invalid value could end
+the session or block pages that are opened later, and one type of message would publish the page on the internet.
+Therefore, only messages that match the schemas in this module are passed on to viser.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, Field, TypeAdapter
 
 MAX_MESSAGE_BYTES = 1 << 16
-"""Size of the largest message that is accepted [bytes]. A connection that sends a larger message is closed."""
+"""Maximum size of a message [bytes]. A connection that sends a larger message is closed."""
 LARGEST = 1e6
-"""Largest number that is accepted in a message, which may be a length [m], a size [pixel] or a fraction."""
+"""Largest allowed absolute value of numbers in a message, such as lengths [m] and image sizes [pixel]."""
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
-"""Type of the value of an element in the page's panel."""
+"""Type of an element in the panel of the page, such as a button or a number field."""
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _Vector = Annotated[list[_Number], Field(min_length=3, max_length=3)]
@@ -75,24 +75,24 @@ _TYPES: dict[InputKind, tuple[type, ...]] = {"button": (bool,), "number": (int, 
 
 
 class IncomingMessages:
-    """Rules by which incoming messages are checked. A server must not run without them."""
+    """Validator for the messages that a page sends."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Begin without registered panel elements, so all messages about panel elements are rejected at first.
+        """Create a validator without registered panel elements.
 
-        ``complain`` is called with an explanation for each rejected message.
+        ``complain`` is a function that is called with an explanation for each rejected message.
         """
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
 
     def expect(self, uuid: str, kind: InputKind) -> None:
-        """Register a panel element and the type of its value, so that messages about this element are accepted."""
+        """Register a panel element. Messages about elements that are not registered are rejected."""
         if kind not in get_args(InputKind):
             raise AssertionError(kind)
         self._kinds[uuid] = kind
 
     def admits(self, raw: object) -> bool:
-        """Return whether a message is valid and may therefore be passed on to viser."""
+        """Return whether a message is valid and may be passed on to viser."""
         if not isinstance(raw, bytes) or len(raw) > MAX_MESSAGE_BYTES:
             return False
         try:
@@ -102,11 +102,11 @@ class IncomingMessages:
         if not isinstance(sent, _Update):
             return True
         kind, value = self._kinds.get(sent.uuid), sent.updates.value
-        # A boolean is a number in Python, but it is not a valid value of a slider.
+        # bool is a subclass of int in Python, but a number field must not be set to a boolean.
         return kind is not None and isinstance(value, _TYPES[kind]) and isinstance(value, bool) == (kind == "button")
 
     def before(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """Wrap a connection handler: the returned handler does the same, but receives only valid messages."""
+        """Wrap a connection handler so that it receives only valid messages."""
 
         async def handle(connection: Any) -> None:  # noqa: ANN401 - of websockets
             await handler(_Filtered(connection, self))
@@ -123,7 +123,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Wrapper around a connection that returns only valid messages."""
+    """Wrapper around a websocket connection whose ``recv`` returns only valid messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming

@@ -1,4 +1,4 @@
-"""Keyboard and gamepad input of a page: the script that sends it, and the format of its messages."""
+"""Keyboard and gamepad input of a page: message format, and HTML element with the script that sends the messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.json_form import read_form
 from betterbench.quoting import markup_text
 
 MARK = "better-page:"
-"""Prefix of messages about keys."""
+"""Prefix of the messages that contain keyboard and gamepad input."""
 NO_PUSH = (0.0,) * 6
 MOST_TAPS_AT_ONCE = 8
 
@@ -23,10 +23,14 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """State of the keyboard and the gamepad as reported by a web page.
+    """State of the keyboard and the gamepad, as sent by a page.
 
-    The state consists of the keys that are held down, the number of times that each key has been pressed since the page
-    was opened, and the positions of the gamepad's axes in [-1, 1].
+    Attributes:
+        held: Codes of the keys that are held down.
+        taps: Number of times that each action was triggered by a key or button since the page was opened.
+        push: Deflection of the gamepad or SpaceMouse in [-1, 1]: 3 translations, then 3 rotations.
+        slow: Whether the shift key is held down.
+        n: Number of this message.
     """
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
@@ -40,13 +44,19 @@ _KEYS = TypeAdapter(PageKeys)
 
 
 def read_keys(text: str) -> PageKeys:
-    """Parse a message from the page's script. Raises InvalidInputError if it is malformed."""
+    """Parse a message from the script of a page. Raises InvalidInputError if the message is malformed."""
     data = text.removeprefix(MARK).encode(errors="replace")
     return read_form(_KEYS, data, where="page", cure="Reload the page")
 
 
 def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> list[str]:
-    """Return the keys pressed since the previous message from a page, and update the page's counts in ``known``."""
+    """Return the actions triggered since the previous message of a page.
+
+    Args:
+        sent: Message of the page.
+        known: Counts from the previous message, by action. They are updated.
+        names: Actions to consider. If an action was triggered several times, it occurs several times in the result.
+    """
     made = [
         name
         for name in names
@@ -59,15 +69,15 @@ def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> lis
 def script_element(
     *, taps: Mapping[str, str], held: Sequence[str] = (), gamepad: Mapping[int, str] | None = None
 ) -> str:
-    """Return an HTML element that runs the page's script as soon as it is shown.
+    """Return an HTML element that runs the script ``page.js`` when it is displayed.
 
-    viser does not run script tags in its HTML elements. The element is therefore an image whose error handler contains
-    the script.
+    viser does not run script tags in its HTML elements, so the element is an image with the script as its error
+    handler.
 
     Args:
-        taps: Action for each key that triggers a single action, by key code.
-        held: Codes of the keys that have an effect for as long as they are held down.
-        gamepad: Action for each button of a standard gamepad, or None to ignore gamepads.
+        taps: Actions that are triggered once per key press, by key code.
+        held: Codes of the keys that have an effect as long as they are held down.
+        gamepad: Actions by button number of a standard gamepad, or None to ignore gamepads.
     """
     source = resources.files("betterbench.browser").joinpath("page.js").read_text()
     for name, value in (("PUSH_KEYS", list(held)), ("TAP_KEYS", dict(taps)), ("BUTTONS", gamepad), ("MARK", MARK)):
@@ -76,7 +86,7 @@ def script_element(
 
 
 def key_table(rows: Sequence[tuple[str, str]]) -> str:
-    """Return an HTML table of keys and what they do."""
+    """Return an HTML table of keys and their descriptions."""
     cells = "".join(
         f'<tr><td style="padding:1px 12px 1px 0;white-space:nowrap"><b>{markup_text(k)}</b></td>'
         f"<td>{markup_text(t)}</td></tr>"

@@ -1,5 +1,5 @@
-// Runs in the page of the viewer: keys, gamepads and SpaceMice that are plugged into the computer of the person.
-// It writes what they do into a text field of the panel, which the viewer sends on.
+// Script of a viser page: reads the keyboard, the gamepads and the SpaceMice of the user's computer.
+// It writes the input as JSON into a hidden text field of the panel, whose value viser sends to the server.
 (() => {
   if (window.betterPage) return;
   const MARK = __MARK__;
@@ -68,7 +68,7 @@
   const deflection = (pad) => {
     const a = (i) => (Number.isFinite(pad.axes[i]) ? Math.max(-1, Math.min(1, pad.axes[i])) : 0);
     const b = (i) => (pad.buttons[i] ? pad.buttons[i].value : 0);
-    // SpaceMouse: x right, y toward the person, z down, then the turns about them.
+    // Axes of a SpaceMouse: translations along x (right), y (toward the user) and z (down), then rotations about them.
     if (isSpaceMouse(pad)) return [-a(1), -a(0), -a(2), a(3), -a(4), -a(5)];
     return [-a(1), -a(0), b(7) - b(6), (b(15) - b(14)) * 0.6, -a(3), -a(2)];
   };

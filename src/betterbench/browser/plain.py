@@ -1,7 +1,7 @@
-"""HTTP server for a page with files, JSON and images. The server does not use viser, and is protected by a token.
+"""HTTP server for pages that do not use viser. It serves files, images and JSON.
 
-The token is the first part of every path, as in :mod:`betterbench.browser.gate`. Requests from pages of other sites are
-rejected, and the page cannot load anything from another server.
+As in :mod:`betterbench.browser.gate`, a secret token is the first part of every path, and requests from other web sites
+are rejected. A content security policy prevents the page from loading anything from another server.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from betterbench.json_form import parse_json
 from betterbench.policies.serving.callers import LOOPBACK_NAMES, is_own_host, is_own_origin
 
 MOST_BYTES = 1 << 16
-"""Size of the largest request that is accepted [bytes]."""
+"""Maximum size of a request body [bytes]."""
 TIMEOUT_S = 10.0
 """Time after which an idle connection is closed [s]."""
 _RANGE = re.compile("bytes=([0-9]{0,15})-([0-9]{0,15})")
-"""Pattern of a request for a single range (RFC 9110, section 14).
+"""Pattern of a ``Range`` header with a single range (RFC 9110, section 14).
 
-Any other request is answered with the complete content.
+For any other ``Range`` header, the server sends the complete content.
 """
 
 _HEADERS = {
@@ -63,14 +63,14 @@ class PlainServer:
         """Start listening.
 
         Args:
-            get: Functions that answer GET requests, by the part of the path that follows the token ("", "state"). Each
-                returns a response, or None for status 404. Several threads may call a function at the same time.
+            get: Functions that answer GET requests, by the part of the path after the token, such as "" or "state". A
+                function returns a response, or None for status 404. Several threads may call it at the same time.
             post: Function that executes a command of the page. It is called with the JSON object that the page sent to
-                the path "do", and returns a JSON value. If it raises a BetterError, the text of the error is sent to
-                the page.
+                the path "do", and returns a JSON value. If it raises a BetterError, the page receives its message.
             host: Interface to listen on.
             port: Port to listen on. 0 selects any free port.
-            verb: Command that shows the page ("better teleop"). Messages about rejected requests name it.
+            verb: Command that shows the page, such as "better teleop". It is named in the response to a rejected
+                request.
 
         Raises:
             InvalidInputError: If the port is not available.
@@ -94,7 +94,7 @@ class PlainServer:
         return self._host in LOOPBACK_NAMES
 
     def close(self) -> None:
-        """Stop listening. The method may be called more than once."""
+        """Stop the server. Further calls have no effect."""
         if self._thread.is_alive():
             self._server.shutdown()
             self._thread.join()
@@ -120,14 +120,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         super().__init__(*arguments)
 
     def do_GET(self) -> None:
-        """Answer with a page, an image or a state."""
+        """Send a page, an image or a state."""
         inside = self._inside()
         if inside is None:
             return
         make = self._get.get(inside)
         try:
             answer = None if make is None else make()
-        except (BetterError, OSError) as problem:  # for example, because a film has been removed
+        except (BetterError, OSError) as problem:  # for example, if a video file has been deleted
             self._send(HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain; charset=utf-8", f"{problem}\n".encode())
             return
         if answer is None:
@@ -142,7 +142,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             return
         length = self.headers.get("Content-Length", "")
         if inside != "do" or not re.fullmatch("[0-9]{1,9}", length) or int(length) > MOST_BYTES:
-            self.close_connection = True  # otherwise, the body that was not read would be parsed as the next request
+            self.close_connection = True  # the body has not been read and would be parsed as the next request
             self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", b"This request cannot be read.\n")
             return
         try:
@@ -153,9 +153,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._send(HTTPStatus.OK, "application/json", json.dumps(answer).encode())
 
     def _inside(self) -> str | None:
-        """Return the part of the path that follows the token.
+        """Check the request, and return the part of its path after the token.
 
-        If the request must be rejected, reject it and return None.
+        If the check fails, send an error response and return None.
         """
         hosts = self.headers.get_all("Host") or []
         given, _, rest = self.path.partition("?")[0].removeprefix("/").partition("/")
@@ -166,12 +166,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         ):
             return rest
         text = f"Access denied: open the address printed by {self._verb}, with its token.\n"
-        self.close_connection = True  # since the body of a rejected request is not read
+        self.close_connection = True  # the body has not been read and would be parsed as the next request
         self._send(HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", text.encode())
         return None
 
     def _send_part(self, kind: str, data: bytes) -> None:
-        """Send a response, or the byte range of it that the browser requested in order to seek in a video."""
+        """Send the content, or the byte range that the browser requests when the user seeks in a video."""
         found = _RANGE.fullmatch(self.headers.get("Range", ""))
         first, last = ("", "") if found is None else found.groups()
         if not (first or last) or (first and last and int(last) < int(first)):
@@ -200,4 +200,4 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.close_connection = True
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name in http.server
-        """Write no log of requests, because their paths contain the secret token."""
+        """Do nothing. Requests are not logged, because their paths contain the secret token."""

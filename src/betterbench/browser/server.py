@@ -1,4 +1,4 @@
-"""Server that uses the library viser and can be reached only under the address that the command printed."""
+"""Server for pages based on the library viser, with access control."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STOP_S = 0.5
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
-    """Return the module viser. Raises MissingDependencyError if it is not installed."""
+    """Import viser. Raises MissingDependencyError if it is not installed."""
     try:
         return importlib.import_module("viser")
     except ImportError as problem:
@@ -31,13 +31,13 @@ def load_viser() -> Any:  # noqa: ANN401 - a module
 
 
 def free_port(host: str, port: int) -> int:
-    """Return the requested port if it is free. For 0, return any free port.
+    """Return ``port`` if it is available. For 0, return any free port.
 
     Raises InvalidInputError if the requested port is not available.
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError(
-            "--port", f"{port} is not a port", "Use a number from 0 to 65535; 0 chooses a free port"
+            "--port", f"{port} is not a port", "Use a number from 1 to 65535, or 0 for any free port"
         )
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -47,12 +47,12 @@ def free_port(host: str, port: int) -> int:
             return int(probe.getsockname()[1])
     except OSError as problem:
         reason = problem.strerror or str(problem)
-        cure = "Stop the process that uses it, or choose another: --port 0 chooses a free port"
+        cure = "Stop the process that uses the port, or use --port 0 to select a free port"
         raise InvalidInputError("--host, --port", f"cannot listen on {host}:{port} ({reason})", cure) from problem
 
 
 class PageServer:
-    """Server of the library viser, with access control added (see :mod:`betterbench.browser.gate`).
+    """viser server with access control (see :mod:`betterbench.browser.gate`).
 
     Attributes:
         viser: Server object of viser.
@@ -65,7 +65,7 @@ class PageServer:
         Args:
             host: Interface to listen on.
             port: Port to listen on. 0 selects any free port.
-            verb: Subcommand that shows the page ("better teleop").
+            verb: Command that shows the page, such as "better teleop".
             complain: Function that is called with an explanation for each rejected message.
 
         Raises:
@@ -75,10 +75,10 @@ class PageServer:
         viser = load_viser()
         self._host = host
         wanted = free_port(host, port)
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # closed tabs are normal and need no message
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # do not log an error when a browser tab is closed
         self._incoming = IncomingMessages(complain)
         self._gate = Gate(host, self._incoming, verb=verb)
-        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
+        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # hide viser's banner
             self.viser = viser.ViserServer(host=host, port=wanted, label=verb, verbose=False)
         self.port = int(self.viser.get_port())
         if not self._gate.is_closed:
@@ -87,9 +87,11 @@ class PageServer:
                 f"{verb} cannot control access to the server of this viser version ({viser.__version__}). "
                 "Install the version required by the extra 'teleop'"
             )
-        if self.port != wanted:  # the port was taken in the meantime, and viser chose the next port
+        if self.port != wanted:  # another process has taken the port since free_port(), so viser chose another one
             self.viser.stop()
-            raise InvalidInputError("--port", f"{wanted} was taken in the meantime", "Run the same command again")
+            raise InvalidInputError(
+                "--port", f"{wanted} has been taken by another process", "Run the same command again"
+            )
         self._stopping = threading.Thread(target=self.viser.stop, name="page", daemon=True)
 
     @property
@@ -103,19 +105,19 @@ class PageServer:
         return self._host in LOOPBACK_NAMES
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
-        """Register an element of the panel, so that messages which change the element's value are accepted.
-
-        The element's UUID is random and known only to the page.
-        """
+        """Register an element of the panel, so that messages about this element are accepted."""
         self._incoming.expect(element._impl.uuid, kind)
 
     def close(self) -> None:
-        """Close all connections and stop the server. Wait at most :data:`STOP_S` for pages that do not respond."""
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
+        """Close all connections and stop the server. Wait at most :data:`STOP_S` for pages that do not respond.
+
+        :attr:`is_busy` tells whether the server is still stopping afterwards.
+        """
+        with contextlib.redirect_stdout(io.StringIO()):  # hide viser's message that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)
 
     @property
     def is_busy(self) -> bool:
-        """Whether the server is still waiting for a page to close."""
+        """Whether the server is still waiting for connections to close."""
         return self._stopping.is_alive()

@@ -1,6 +1,6 @@
-"""Calibration: measures how accurate the diagnosis is, using policies with known faults.
+"""Calibration: measurement of the accuracy of the diagnosis with policies that have known faults.
 
-The idea is similar to mutation testing of software.
+As in mutation testing of software, faults are planted on purpose, and the diagnosis should find them.
 """
 
 from betterbench.calibration.policies import CalibrationPolicy, calibration_policies

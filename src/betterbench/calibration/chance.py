@@ -1,4 +1,4 @@
-"""Success rate that a policy reaches on a variation by guessing the instruction."""
+"""Chance level of a variation: the success rate of a policy that guesses the instruction."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from betterbench.tasks.interventions import vary
 def chance_of(task_name: str, name: str) -> float:
     """Return the success rate of a policy that guesses the instruction of a variation.
 
-    The policy guesses with equal probability among all instructions that are possible in the scene. Instructions that
-    mean the same objects and targets in this scene, such as "the red mug" and "the bottom mug", all count as right
-    guesses. A guess that consists of all requested steps and further steps is also right, because the trial succeeds
-    before the further steps begin. Steps that are already done at the start do not have to be guessed.
+    The policy chooses one of the instructions that are possible in the scene, each with the same probability. A guess
+    is correct if it refers to the same objects and targets as the instruction, even if the wording differs, such as
+    "the red mug" and "the bottom mug". A guess with additional steps at the end is also correct, because the trial
+    succeeds before these steps begin. Steps that are already done in the initial state are ignored.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
@@ -28,9 +28,9 @@ def chance_of(task_name: str, name: str) -> float:
 
 
 def _open_steps(instruction: Instruction, condition: Condition) -> list[object]:
-    """Return the requested steps that are not done in the initial state, in order.
+    """Return the steps of an instruction that are not done in the initial state, in order.
 
-    Each step is described by its objects, relation and target.
+    Each step is a tuple of the objects, the relation, the kind of the target, the target region and the count.
     """
     return [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)

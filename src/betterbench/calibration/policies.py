@@ -1,4 +1,4 @@
-"""Policies that are run for a calibration: the expert, and faulty policies at several levels of fault and noise."""
+"""Policies for a calibration: the expert, and faulty policies with several strengths of fault and noise."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from betterbench.policies.experts import Address, expert_names
 from betterbench.policies.experts.address import EXPERT_FORM, ZOO_FORM
 
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Fractions of trials in which a faulty rule applies, since real policies do not always follow a habit."""
+"""Fractions of trials in which a faulty policy shows its fault. Real policies do not show a fault in every trial."""
 
 ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
-"""Standard deviation of the noise added to the translation of each control step, for each strength [m].
+"""Standard deviation of the noise added to the translation in each control step [m], by strength.
 
-The values correspond to none, 2 cm/s and 4 cm/s.
+At a control rate of 20 Hz, the values correspond to 0, 2 and 4 cm/s.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """Policy that is run in a calibration, with its number of trials and its first seed."""
+    """Policy to run in a calibration, with the number of trials per variation and the first seed."""
 
     address: Address
     trials: int
@@ -29,7 +29,7 @@ class CalibrationPolicy:
 
     @property
     def folder(self) -> str:
-        """Name of the folder for the policy's run, inside the folder of the calibration."""
+        """Name of the run folder of this policy, inside the folder of the calibration."""
         name = self.address.name.replace(":", "-")
         return f"{name}-{round(100 * self.address.strength)}"
 
@@ -41,7 +41,9 @@ def calibration_policies(
     trials: int = 1,
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
-    """Return the policies that are run for a calibration: the expert, and every faulty policy at every fault strength.
+    """Return the policies to run for a calibration: the expert, and each faulty policy with each strength.
+
+    ``policies`` selects some of these policies by name. Each strength uses different seeds.
 
     Raises:
         InvalidInputError: If a policy is unknown, or a number is out of range.
@@ -52,7 +54,7 @@ def calibration_policies(
         if name not in names:
             raise InvalidInputError(
                 "--policies",
-                f"{name!r} is not a policy that can be calibrated",
+                f"{name!r} is not a policy for calibrations",
                 f"Use one or more of {', '.join(names)}",
             )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):

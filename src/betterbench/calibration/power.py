@@ -1,9 +1,9 @@
-"""Measurement of the power matrix by running simulated faulty policies on every variation. It can be resumed.
+"""Measurement of the power matrix: the success rate of each simulated faulty policy on each variation.
 
-The power matrix tells how often each simulated faulty policy (called a pretender) succeeds on each variation. The
-expert runs first and records which faulty rules agree with all its decisions in a trial. Such a rule would produce
-exactly the same episode as the expert. That trial is therefore not simulated: its outcome is copied from the expert,
-and the cell of the matrix counts it as shared. All other trials are simulated.
+Most faulty policies have a faulty decision rule, for example to pick at the same slot in every trial. To save time, the
+expert runs first and records which faulty rules would make the same decisions in a trial. A policy with such a rule
+would produce exactly the same episode, so the outcome of this trial is copied from the expert instead of being
+simulated. The cell of the matrix counts the trial as shared. An interrupted measurement can be resumed.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, built_in_suite, get_task, suite_tasks
 
 RULE_TRIALS = 6
-"""Number of trials per faulty rule and variation. A few are enough, since decisions hardly depend on the seed."""
+"""Number of trials per faulty rule and variation. A few trials suffice, because decisions hardly depend on the seed."""
 GUESS_TRIALS = 14
-"""Smallest number of trials of a policy without language.
+"""Minimum number of trials per variation of the policy that ignores the instruction.
 
-With it, a guess that is right with a chance of one in three is right in more than half of the trials in only 6 % of the
-cells. With 7 trials, this would happen in 17 %.
+If this policy guesses correctly with a probability of 1/3, it succeeds in more than half of 14 trials with a
+probability of only 6 %. With 7 trials, the probability would be 17 %.
 """
 STILL_TRIALS = 2
-"""Number of trials of the policy that never moves. A few are enough, since they are all alike."""
+"""Number of trials per variation of the policy that never moves. Two suffice, because all its trials are alike."""
 MOST_CHANCE = 0.9
 """Largest chance level for which a number of trials is computed.
 
-If only one instruction is possible, guessing it always succeeds.
+At a chance level of 1, i.e. if only one instruction is possible, no number of trials can show a difference from chance.
 """
 ALPHA = 0.05
 
@@ -50,11 +50,11 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """Number of trials of each pretender (simulated faulty policy) on each variation. Their seeds start at 0.
+    """Number of trials of each simulated faulty policy on each variation. The seeds start at 0.
 
     Attributes:
-        of: Number of trials by pretender and variation. The expert has the largest number that any faulty rule needs.
-        chances: Success rate of guessing the instruction, by variation.
+        of: Number of trials, by policy and variation. The expert has enough trials to be compared with every policy.
+        chances: Chance level of each variation, i.e. the success rate of guessing the instruction.
     """
 
     of: dict[str, dict[Key, int]]
@@ -62,13 +62,20 @@ class PowerTrials:
 
     @property
     def total(self) -> int:
-        """Number of all trials, including those that are copied from the expert."""
+        """Total number of trials, including trials whose outcome is copied from the expert."""
         return sum(n for row in self.of.values() for n in row.values())
 
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Outcome of one trial, as it is counted in a cell of the power matrix."""
+    """Outcome of one trial, which is counted in a cell of the power matrix.
+
+    Attributes:
+        success: Whether the trial succeeded.
+        right: Whether the policy had the correct intention, according to the diagnosis.
+        truth: Label of the first wrong decision that the policy reported, or an empty string.
+        shared: Whether the outcome was copied from the expert.
+    """
 
     success: bool
     right: bool
@@ -77,9 +84,9 @@ class _Outcome:
 
 
 def trials_to_flag(chance: float, cells: int) -> int:
-    """Return the smallest number of trials with which a cell that always succeeds differs significantly from chance.
+    """Return the smallest number of trials for which a success rate of 100 % differs significantly from chance.
 
-    The significance level is 5 %, with Holm's correction for all cells.
+    The significance level is 5 %, corrected for the number of cells (first step of Holm's method).
     """
     n = 1
     while cells * chance_p(Rate(n, n), chance=chance) >= ALPHA:
@@ -88,18 +95,18 @@ def trials_to_flag(chance: float, cells: int) -> int:
 
 
 def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, probes: bool = True) -> PowerTrials:
-    """Return the number of trials for each cell of a power matrix, for the named tasks or for the whole suite.
+    """Return the number of trials for each cell of a power matrix, for the given tasks or for the whole suite.
 
-    A pretender (simulated faulty policy) that lacks an input, such as the image, gets enough trials that a variation
-    which it always solves is significant after the correction for all cells. If ``probes`` is False, only policies with
-    faulty rules are run, which need few trials.
+    A policy that lacks an input, such as the image, gets enough trials to show that it solves a variation significantly
+    more often than by chance, corrected for the number of cells. If ``probes`` is False, these policies are omitted,
+    and only the expert and policies with faulty rules are run, which need few trials.
     """
     suite = [get_task(name) for name in suite_tasks(built_in_suite(tasks))]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
-    # Ambiguous variations are left out, since they have no right or wrong outcome.
+    # Ambiguous variations are omitted, because their trials neither succeed nor fail.
     keys = [(t.id, v.name) for t in chosen for v in t.variations if v.expected is not Expected.AMBIGUOUS]
-    # The cells of the full suite are counted even if only a few tasks are measured, so that the numbers of trials stay
-    # the same.
+    # Correct for all cells of the suite even if only some tasks are measured, so that the number of trials per cell
+    # does not depend on the selection of tasks.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}
     rules = {name: dict.fromkeys(keys, rule_trials) for name in witnessed() if name not in BLIND}
@@ -125,14 +132,14 @@ def measure_power(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> PowerMatrix:
-    """Run every pretender (simulated faulty policy) on every variation, and return the power matrix.
+    """Run every simulated faulty policy on every variation, and return the power matrix.
 
-    The same call resumes an interrupted measurement. If a faulty rule makes the same decisions as the expert in a
-    trial, the outcome is copied from the expert instead of being simulated again.
+    If a faulty rule makes the same decisions as the expert in a trial, the outcome is copied from the expert. The same
+    call resumes an interrupted measurement.
 
     Raises:
         RunConflictError: If a folder already contains a different run.
-        RecordError: If a record cannot be read, or if an error outside of the policy ended a trial.
+        RecordError: If a record cannot be read, or if a trial ended with an error that the policy did not cause.
     """
     total, before = planned.total, 0
     cells: dict[str, dict[Key, PowerCell]] = {}
@@ -165,12 +172,9 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan for the run of one pretender (simulated faulty policy).
-
-    It contains all trials of the pretender except those whose outcome is already known.
-    """
+    """Return the plan for the run of one simulated faulty policy, without the trials whose outcomes are copied."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
-    # The baselines in FLOOR use end-effector deltas on every robot.
+    # The baseline policies in FLOOR return end-effector deltas for every robot.
     space = EE_DELTA.name if address in FLOOR else None
     plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), action_space=space, observation="state_only")
     kept = tuple(
@@ -193,7 +197,7 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return, for each trial, the names of the faulty rules that agreed with every decision of the expert."""
+    """Return the names of the faulty rules that agreed with every decision of the expert, by trial."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

@@ -1,4 +1,4 @@
-"""Execution of a calibration: runs each policy in a run that can be resumed, and combines the results."""
+"""Execution of a calibration: evaluation of all policies, and comparison of the diagnosis with the ground truth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """Progress of a calibration: number of finished trials, number of all trials, and the policy that is running."""
+    """Progress of a calibration: number of finished trials, total number of trials, and the current policy."""
 
     done: int
     planned: int
@@ -38,6 +38,8 @@ def calibrate(
 ) -> Calibration:
     """Run the policies, diagnose their records, and compare the labels of the diagnosis with the true labels.
 
+    The same call resumes an interrupted calibration.
+
     Raises:
         RunConflictError: If a folder contains a different run.
         InvalidInputError: If a number is out of range.
@@ -54,7 +56,9 @@ def run_plans(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> tuple[RunFolder, ...]:
-    """Run several plans, each in the folder with the given name inside ``out``. Calling this again resumes them.
+    """Run several plans, each in the folder inside ``out`` that has the key of the plan as its name.
+
+    The same call resumes interrupted runs.
 
     Raises:
         RunConflictError: If a folder contains a different run.
@@ -88,7 +92,7 @@ def assess(runs: Sequence[RunFolder]) -> Calibration:
 
 
 def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
-    """Return the ground truth about each finished episode, as the faulty policy reported it."""
+    """Return the ground truth that the faulty policy reported for each finished episode."""
     done = (e for e in run.entries() if e.status == "done")
     return {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in done}
 
@@ -96,8 +100,8 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # A trial that was ended by an error outside of the policy has no ground truth. The run reports and repeats such
-        # trials.
+        # A trial that ended with an error outside the policy has no ground truth. The run reports such trials, and
+        # repeats them when it is resumed.
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

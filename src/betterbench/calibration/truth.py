@@ -1,4 +1,4 @@
-"""True label of a trial of a faulty policy, derived from the policy's decisions and the success of the trial."""
+"""Computation of the true label of a faulty policy's trial from the policy's decisions and the trial's success."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from betterbench.tasks import Expected
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
     """Return the true label of a trial of a faulty policy.
 
-    A trial that reaches its goal is a success, regardless of the policy's decisions. Otherwise, the first wrong
-    decision of the policy determines the label. If every decision was right, the failure must come from the
-    manipulation.
+    A successful trial gets a success label, regardless of the policy's decisions. Otherwise, the first wrong decision
+    of the policy determines the label. If all decisions were correct, the trial is an execution failure.
 
     Args:
         ground_truth: Ground truth about the episode, which the policy wrote to the journal.
-        expected: Behavior of a policy that understands the instruction: "succeed", "refuse" or "stay_still".
-        success: Whether the trial succeeded according to the goal tracker that ran during the episode.
+        expected: Expected behavior in the condition: "succeed", "refuse" or "stay_still".
+        success: Whether the trial succeeded, according to the goal tracker during the episode.
 
     Raises:
         RecordError: If the policy reported no ground truth.

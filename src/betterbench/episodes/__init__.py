@@ -1,6 +1,6 @@
 """Episodes: running a policy in a scene, and recording the result.
 
-Each public name is imported from its module when it is first used, so that the process of a policy imports no
+The public names are imported from their modules on first use, so that the process of a policy does not import a
 simulator.
 """
 

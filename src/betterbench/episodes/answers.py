@@ -1,4 +1,4 @@
-"""Exchange between an episode and its policy: requests, replies, and the handling of policy errors."""
+"""Requests from an episode to its policy, replies, and handling of policy errors."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Request that an episode makes to its policy.
+    """Request from an episode to its policy.
 
-    Like :class:`Reply`, it is a named tuple for speed, since every control step creates one.
+    Requests and replies are named tuples for speed, because they may be created at every control step.
 
     Attributes:
-        seen: Input for which actions are requested, which is an observation or a privileged state. For the request at
-            the start of an episode, which asks for no actions, it is the description of the episode.
-        wanted_in: Number of control steps that can be executed before the reply is needed. It is 0 if the episode must
-            wait for the reply.
+        seen: Input of the policy: an observation or a privileged state. For the request at the start of an episode,
+            which does not ask for actions, the start of the episode.
+        wanted_in: Number of control steps that can be executed before the reply is needed. If it is 0, the episode
+            waits for the reply.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -30,11 +30,11 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Reply of a policy, and the time that the policy took.
+    """Reply of a policy to a :class:`Question`.
 
     Attributes:
-        actions: Array that the policy returned. Its shape and type have not been checked yet. It is empty in the reply
-            at the start of an episode.
+        actions: Array that the policy returned, before its shape and type are checked. Empty in the reply to the
+            request at the start of an episode.
         took_s: Time from the request to the reply [s].
     """
 
@@ -63,19 +63,18 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
         else:
             actions = np.asarray(policy.act(seen))  # type: ignore[union-attr]
     except BaseException:
-        # For speed, the context is entered only after an error, since a privileged policy is called at every control
-        # step.
+        # Enter the context only after an error, because this function may be called at every control step and must be
+        # fast.
         with POLICY_BOUNDARY:
             raise
     return Reply(actions, time.perf_counter() - began)
 
 
 class PolicyBoundary:
-    """Context manager that converts an exception of a policy to a :class:`PolicyError`.
+    """Context manager that converts any exception of a policy to a :class:`PolicyError`.
 
-    This ends only the current trial. Two errors concern the whole run and are therefore not converted: the policy's
-    server cannot be reached, or its conventions have changed. The context manager has no state, so all callers share
-    one instance.
+    A PolicyError ends only the current trial. PolicyUnavailableError and HandshakeError are not converted, because they
+    end the whole run. The context manager has no state, so all callers share one instance.
     """
 
     __slots__ = ()
@@ -86,10 +85,10 @@ class PolicyBoundary:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Raise a PolicyError if the code in this context has raised an exception."""
+        """Raise a PolicyError if the body of the context has raised an exception."""
         if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
             raise PolicyError(described(problem)) from problem
 
 
 POLICY_BOUNDARY = PolicyBoundary()
-"""Instance of :class:`PolicyBoundary` that all callers share."""
+"""Shared instance of :class:`PolicyBoundary`."""

@@ -1,4 +1,4 @@
-"""Execution of action chunks: when the next chunk is requested, and which action is executed at each control step."""
+"""Execution of action chunks: requests for chunks, and selection of the action for each control step."""
 
 from __future__ import annotations
 
@@ -15,27 +15,30 @@ from betterbench.interface import EpisodeStart, Execution, Observation, episode_
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 
-if TYPE_CHECKING:  # a policy server, which has no simulator, uses this module to check chunks
+if TYPE_CHECKING:  # this module must not import the simulator, because policy servers use it to check chunks
     from betterbench.episodes.observer import Observer, Views
     from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:
-    """Execution of action chunks. It requests chunks, and returns the action for each control step.
+    """Controller that requests action chunks and returns the action for each control step.
 
-    With ``ahead``, the next chunk is requested while actions of the current chunk are still left. When the next chunk
-    arrives, the actions in it for steps that have passed are dropped. The observation for a chunk and the step of each
-    action therefore do not depend on the speed of the policy.
+    If ``execution.ahead`` is set, the next chunk is requested before all actions of the current chunk have been
+    executed. When the next chunk is used, its actions for steps that have already passed are dropped. The results
+    therefore do not depend on the inference time of the policy.
     """
 
     def __init__(
         self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
-        """Prepare for an episode that started at time ``began`` [s], as measured by ``time.perf_counter``."""
+        """Prepare an episode of at most ``limit`` steps.
+
+        ``began`` is the time at which the episode started [s], as measured by ``time.perf_counter``.
+        """
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # number of actions in the next reply whose steps will have passed
+        self._passing = 0  # number of actions to drop from the next reply, because their steps will have passed
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
@@ -45,16 +48,16 @@ class Chunks:
         self._world_steps: dict[bool, list[float]] = {
             False: [],
             True: [],
-        }  # durations of steps without and with rendering, for scenes that render during steps
+        }  # step durations [s] without (False) and with (True) rendering, in scenes that render during steps
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
-        """Tell the policy that an episode begins."""
+        """Yield the request that announces the start of an episode to the policy."""
         scene = self._scene
         start = EpisodeStart(scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name)
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Give the policy its next instruction. Actions that are left from the previous instruction are dropped."""
+        """Announce a new instruction to the policy, and drop the queued actions of the previous instruction."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -65,10 +68,10 @@ class Chunks:
     def next(
         self, state: WorldState, privileged: PrivilegedPolicy | None = None
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to execute now.
+        """Return the action for the current control step. If a new chunk is needed, yield the request for it.
 
-        Raises InvalidActionError if a reply is not an array of actions. If ``privileged`` is given, this policy is
-        called directly in this thread, so no requests are yielded.
+        If ``privileged`` is given, this policy is called directly, and no requests are yielded. Raises
+        InvalidActionError if a reply is not an array of actions.
         """
         if privileged is not None:
             return self._next_of(privileged, state)
@@ -91,7 +94,7 @@ class Chunks:
         if self._queue:
             return self._queue.popleft()
         reply = answer(policy, state)
-        self._simulation_s -= reply.took_s  # the simulation time includes the answer, so it is subtracted
+        self._simulation_s -= reply.took_s  # the clock of the simulation runs during this call, so correct its time
         actions = self._answered(reply)
         if actions.shape == (self._scene.action_space.dim,):
             return actions  # the caller checks the action and applies it immediately
@@ -99,10 +102,10 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """If the next request is made at this step, render its images now. Call this before any other use of the state.
+        """Render the images for the next request, if it is made at this step.
 
-        Rendering evicts data from the CPU caches. If it comes first, the caches have to be filled only once before the
-        next action.
+        Call this immediately after a simulation step, before the state is used. Rendering evicts other data from the
+        CPU caches, so data that was loaded before would have to be loaded again.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -110,26 +113,27 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Return whether the policy will get a request at the given control step, which follows the current action."""
+        """Return whether the policy will get a request at the given control step, which must be the next one."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Store how long a step took [s] in a scene that renders during steps, and whether it rendered images."""
+        """Store the duration of a step [s] in a scene that renders during steps, and whether it rendered images."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the time that rendering took in scenes that render during steps [s].
+        """Estimate the total rendering time [s] in scenes that render during steps.
 
-        The time is estimated as the difference between steps with images and steps without images. It is 0 if every
-        step has images, since rendering cannot be separated from simulation then.
+        The estimate is the number of steps with images times the difference between the median durations of steps with
+        and without images. If all steps have images, rendering cannot be separated from simulation, and the result is
+        0.
         """
         plain, drawn = self._world_steps[False], self._world_steps[True]
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
 
     def wall_figures(self) -> dict[str, float]:
-        """Return the wall-clock time of the whole episode and of its parts [s]."""
+        """Return the wall-clock times of the episode and its parts [s], and the number of replies."""
         now = time.perf_counter()
         drawn_s = self._drawn_in_world_s()
         simulated = self._simulation_s + now - self._resumed - self._observe_s - drawn_s
@@ -145,7 +149,7 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether the next chunk is requested before all actions of the current chunk are used.
+        """Return whether the next chunk must be requested now, although actions of the current chunk are left.
 
         If the current chunk lasts until the step limit of the episode, no further chunk is requested.
         """
@@ -153,7 +157,7 @@ class Chunks:
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 
     def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
-        """Yield to the caller. The time until the caller continues does not count as simulation time."""
+        """Yield a request, and return the reply. The waiting time is excluded from the simulation time."""
         self._simulation_s += time.perf_counter() - self._resumed
         try:
             return (yield question)
@@ -161,7 +165,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the input of the policy: an observation, or the state for a privileged policy."""
+        """Return the input of the policy: an observation, or the state if there is no observer."""
         if self._observer is None:
             return state
         began = time.perf_counter()
@@ -171,14 +175,14 @@ class Chunks:
         return observation
 
     def _answered(self, reply: Reply | None) -> np.ndarray:
-        """Store the time that a reply took, and return the array in the reply."""
+        """Store the latency of a reply, and return the array in the reply."""
         if reply is None:
             raise AssertionError("unreachable: a reply was due")
         self._latencies.append(reply.took_s)
         return reply.actions
 
     def _queue_up(self, answer: np.ndarray, passed: int) -> None:
-        """Queue the actions in a reply, except the first ``passed`` ones, whose control steps have already passed."""
+        """Queue the actions in a reply, but drop the first ``passed`` actions, whose control steps have passed."""
         queue = self._queue
         chunk = checked_chunk(answer, self._scene.action_space)
         horizon = self._limit if self._execution.horizon is None else self._execution.horizon
@@ -191,7 +195,7 @@ class Chunks:
             raise InvalidActionError(msg)
 
     def _mean(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Request a chunk, and return the weighted mean of all predictions for this step."""
+        """Request a chunk, and return the weighted mean of the predictions of all chunks for this step."""
         space, predictions, step = self._scene.action_space, self._predictions, state.step
         answer = self._answered((yield from self._pause(Question(self._see(state)))))
         predictions.append((step, checked_chunk(answer, space)))
@@ -202,15 +206,15 @@ class Chunks:
 
 
 def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
-    """Check a reply, and return it as a new array (horizon, dim) float64.
+    """Check the array that a policy returned, and convert it to a new array (horizon, dim) float64.
 
     Raises:
-        InvalidActionError: If the reply is neither one action nor an array of actions, or if it contains a number that
-            is not finite.
+        InvalidActionError: If the array is neither an action (dim,) nor a chunk (horizon, dim) of numbers, or if it
+            contains a non-finite number.
     """
     if answer.ndim == 0 and answer.dtype.kind not in "fiub":
         msg = (
-            "the policy returned no array of numbers (but None, a text, a dictionary or another object). "
+            "expected an array of numbers from the policy, got None, a string, a dict or another object. "
             f"Return an array of shape ({space.dim},) or (horizon, {space.dim}) for {space.name}."
         )
         raise InvalidActionError(msg)
@@ -234,10 +238,11 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
 
 
 def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
-    """Return the weighted mean (dim,) of several predictions (n, dim) for one step, of which the oldest comes first.
+    """Return the weighted mean (dim,) of several predictions (n, dim) for one step, ordered from oldest to newest.
 
-    Prediction i has the weight exp(-m i) with the given rate m; i = 0 is the oldest prediction. Since a quaternion and
-    its negative are the same rotation, the signs of quaternions are made equal first.
+    Prediction i has the weight exp(-m i), where m is ``rate`` and i = 0 is the oldest prediction, as in ACT's temporal
+    ensembling. A quaternion and its negative describe the same rotation, so quaternions are negated where necessary to
+    have the same sign before they are averaged.
     """
     if "qw" in space.components:
         first = space.components.index("qw")

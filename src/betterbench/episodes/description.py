@@ -1,4 +1,4 @@
-"""Metadata in the records of episodes."""
+"""Metadata for the records of episodes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Facts about a trial that cannot be read from its scene.
+    """Information about a trial that is not part of its scene.
 
-    Facts that only variations have are None for a training condition. ``camera_preset`` is None if the policy gets no
-    images.
+    For a training condition, the fields that only apply to variations are None. ``camera_preset`` is the name of the
+    observation preset, or None if the policy does not use images.
     """
 
     policy: str
@@ -29,7 +29,7 @@ class TrialContext:
 def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> RecordMetadata:
     """Return the metadata for the record of an episode.
 
-    It depends only on the trial, not on the time or the machine.
+    The metadata depends only on the trial, not on the time or the machine.
     """
     found = scene.described(images=context.camera_preset is not None)
     return RecordMetadata(

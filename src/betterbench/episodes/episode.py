@@ -1,4 +1,4 @@
-"""Loop of an episode: observe, act, simulate, judge and record."""
+"""Episode loop: observe, act, simulate, judge and record."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class EpisodeResult:
 
     Attributes:
         record: Record of the episode including privileged state. It depends only on the trial and the policy.
-        wall: Wall-clock time that each part of the episode took [s]. These times are not part of the record.
+        wall: Wall-clock times of the episode and its parts [s] (see ``Chunks.wall_figures``). They are not part of the
+            record, which must be reproducible.
         states: Simulation state for each row of the record.
     """
 
@@ -46,23 +47,20 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""Largest number of states that are judged at once. It limits the duration of a control step."""
+"""Maximum number of states in a block, which limits the duration of the control step in which a block is judged."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""Episode as a generator that yields requests to its policy.
+"""Generator that runs an episode, yields requests to the policy, and returns the result.
 
-After a request that can wait (``wanted_in`` > 0), the caller immediately sends None, and sends the reply when the
-episode yields None. If the policy fails, the caller throws a :class:`~betterbench.errors.PolicyError` into the
-generator instead.
+The caller sends the reply to each request into the generator. For a request that can wait (``wanted_in`` > 0), the
+caller first sends None, and sends the reply when the generator yields None. If the policy fails, the caller throws a
+:class:`~betterbench.errors.PolicyError` into the generator instead.
 """
 
 _PLAIN = Execution()
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Function that adds noise to an action before the action is executed.
-
-The record also keeps the action without noise.
-"""
+"""Function that adds noise to an action before it is executed. The record contains both actions."""
 
 
 def run_episode(
@@ -74,14 +72,19 @@ def run_episode(
     disturb: Disturbance | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> EpisodeResult:
-    """Run one episode from the reset to its end, with a policy that answers in this thread.
+    """Run one episode from the reset to its end, with a policy that is called in this thread.
 
-    If an observer is given, the method ``act`` of the policy is called, otherwise ``act_on_state``. ``disturb`` adds
-    noise to the actions of a demonstration. The record then contains the action of the demonstrator as ``action``, and
-    the executed action as ``applied``.
+    Args:
+        scene: Scene of the trial.
+        policy: Policy to run. Its method ``act`` is called if an observer is given, and otherwise ``act_on_state``.
+        context: Information about the trial for the metadata of the record.
+        observer: Observer that creates the observations, or None for a policy that uses the privileged state.
+        disturb: Function that adds noise to the actions of a demonstration. The record then contains the action of the
+            demonstrator as ``action``, and the executed action as ``applied``.
+        on_step: Function that is called with the step number after each control step.
 
     Raises:
-        PremiseError: If the scene contradicts what the instruction assumes.
+        PremiseError: If the scene violates a premise of the instruction.
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the policy's server now serves a different policy.
     """
@@ -118,7 +121,7 @@ def run_episode(
             return result
         finally:
             steps.close()
-            outcome = kept = None  # the error refers to this frame, which would keep the scene in memory
+            outcome = kept = None  # break the reference cycle of error and frame, which would keep the scene in memory
 
 
 def episode_steps(
@@ -131,15 +134,15 @@ def episode_steps(
     on_step: Callable[[int], None] | None = None,
     privileged: PrivilegedPolicy | None = None,
 ) -> Steps:
-    """Run one episode from the reset to its end, and yield each request to the policy.
+    """Run one episode from the reset to its end, and yield the requests to the policy.
 
-    One thread can thus run many episodes in turn. The result does not depend on how long the replies take. If an
-    observer is given, each request is yielded when it is made, and None is yielded when the episode must wait for the
-    reply to the last request. Without an observer, nothing is yielded, because the policy ``privileged`` is called
-    directly with the privileged state.
+    As a generator, it allows one thread to run many episodes concurrently. The result does not depend on the time that
+    replies take. If an observer is given, the generator yields each request, and yields None when it needs the reply to
+    a request that could wait. Without an observer, it yields nothing, but calls the policy ``privileged`` directly with
+    the privileged state. See :func:`run_episode` for the other arguments.
 
     Raises:
-        PremiseError: If the scene contradicts what the instruction assumes.
+        PremiseError: If the scene violates a premise of the instruction.
         PolicyKilledError: If the process of the policy was killed by another process.
     """
     began = time.perf_counter()
@@ -182,7 +185,7 @@ def episode_steps(
 
 
 def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Execute the control step that leads to step number ``step``, in a scene that renders images during the step."""
+    """Execute the control step that ends at step number ``step``, in a scene that renders during the step."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -192,14 +195,14 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge of an episode.
+    """Recorder and judge of the states of an episode.
 
-    It judges several states at once, in blocks that end before success is possible. Between two physics steps, the CPU
-    caches are cold, so judging states one at a time takes two to three times as long as judging several at once. A goal
-    must hold for some time before it counts, so no decision depends on the states in the current block. With blocks,
-    the loop takes 1.15 to 1.16 times as long as the physics alone. If every state is judged immediately, it takes 1.21
-    to 1.32 times as long (measured by ``make bench ARGS="--only step"`` on 2026-11-26, minimum time per block, three
-    tasks).
+    For speed, states are judged in blocks instead of one at a time. After a physics step, the CPU caches contain other
+    data, so judging a single state takes two to three times as long as judging one state of a block. A goal must hold
+    for some time before it counts as success, so a block can end before the next possible success, and the episode
+    still stops at the same step. With blocks, the episode loop takes 1.15 to 1.16 times as long as the physics alone,
+    and without blocks 1.21 to 1.32 times as long (measured by ``make bench ARGS="--only step"`` on 2026-11-26, minimum
+    time per block, three tasks).
     """
 
     def __init__(self, tracker: Tracker, builder: RecordBuilder, scene: TrialScene) -> None:
@@ -209,14 +212,14 @@ class _Judge:
         self._block = 1
 
     def see(self, state: WorldState, action: np.ndarray | None, applied: np.ndarray | None) -> None:
-        """Add the next state and the action that led to it. Update ``success`` when a block is complete."""
+        """Record the next state and the action that led to it. Update ``success`` when a block is complete."""
         self._builder.append_state(state, **self._simulator_state(), action=action, applied=applied)
         self._waiting.append(state)
         if len(self._waiting) >= self._block:
             self._judge()
 
     def finished(self) -> tuple[RecordBuilder, bool]:
-        """Judge the states that are left. Return the builder of the record, and whether the last state is a success."""
+        """Judge the remaining states. Return the record builder, and whether the goal was reached at the last state."""
         self._judge()
         return self._builder, self.success
 
@@ -238,7 +241,7 @@ def _finished(
     success: bool,
 ) -> Record:
     if error is not None:
-        error = encodable(error)  # file names in it may contain characters that a record cannot store
+        error = encodable(error)  # replace characters that a record cannot store, e.g. in file names
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     return builder.finish(
         termination=termination,
@@ -258,7 +261,10 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append a row to the record of an episode: scene state, goal state, and the action that led to this state."""
+    """Append a row to a record: state of the scene, ground truth of the goal, and the action that led to the state.
+
+    ``action`` is the action of the policy, and ``applied`` is the executed action. Both are None for the first row.
+    """
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

@@ -27,21 +27,21 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Length and bound of each measurement.
+"""Length and largest absolute value of each measurement, in the units of the observation.
 
-The length None stands for one value per arm joint. No value can exceed its bound: joints stay within 3.8 rad and 3
-rad/s, the reach is within 1.2 m, and grippers open by at most 0.1 m.
+The length None means one value per arm joint. The bounds are larger than all possible values: joints stay within
+3.8 rad and 3 rad/s, the reach is at most 1.2 m, and grippers open by at most 0.1 m.
 """
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """Gymnasium environment for a task in one condition. Each reset starts the trial that belongs to the given seed.
+    """Gymnasium environment for a task in one condition. The seed of a reset selects the trial.
 
-    Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (n,) [rad],
-    ``joint_velocities`` (n,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
-    The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. The reward is 1 at the step in
-    which the goal is reached, otherwise 0. Observations contain no privileged state. The state of the goal is in
-    ``info``, for use in training and evaluation code.
+    An observation is a dict with one image (height, width, 3) uint8 per camera, ``joint_positions`` (n,) [rad],
+    ``joint_velocities`` (n,) [rad/s], ``ee_position`` (3,) [m] and ``ee_quaternion`` (4,) (w, x, y, z) in the base
+    frame, and ``gripper_width`` (1,) [m]. The instruction is in ``info["instruction"]`` and in the attribute
+    ``instruction``. The reward is 1 at the step in which the goal is reached, and otherwise 0. Observations contain no
+    privileged state. ``info`` contains the ground truth of the goal and subgoals, for training and evaluation code.
 
     Args:
         task: ID of the task.
@@ -49,13 +49,13 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         observation: Name of an observation preset.
         action_space: Name of an action space. By default, the standard action space of the robot.
         quality: Name of a rendering preset.
-        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
-        robot: Name of a robot. By default, the robot for which the task is made. The arrays of joint positions and
-            velocities have one entry per arm joint.
-        render_mode: "rgb_array" for images of the front camera.
+        looks: Appearance of objects and rooms: "seen" (as in the demonstrations) or "unseen".
+        robot: Name of a robot. By default, the robot for which the task is designed. It determines the number n of arm
+            joints.
+        render_mode: "rgb_array" if :meth:`render` must return images of the front camera.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - Gymnasium's own convention
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - convention of Gymnasium
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         robot: str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Check that all names are known. The scene is not compiled until :meth:`reset` is called."""
+        """Check the arguments. The scene is compiled by :meth:`reset`."""
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError("render_mode", f"{render_mode!r} is not supported", "Use 'rgb_array' or None")
         found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
@@ -109,8 +109,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Start a trial.
 
         Args:
-            seed: Seed of the trial. Seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own random
-                generator draws one.
+            seed: Seed of the trial. Seed 3 is trial 3 of ``better eval``. Without a seed, a random seed is used.
             options: Not used.
         """
         super().reset(seed=seed)
@@ -150,7 +149,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         )
 
     def render(self) -> np.ndarray | None:
-        """Return the image of the front camera, (256, 256, 3) uint8, if the render mode is "rgb_array"."""
+        """Return the image of the front camera, (256, 256, 3) uint8, or None without render mode or before a reset."""
         if self.render_mode is None or self._scene is None:
             return None
         if self._renderer is None or self._renderer.model is not self._scene.compiled.model:
@@ -160,7 +159,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Close all renderers and delete the scene. The next reset creates them again."""
+        """Close the renderers and delete the scene. The next reset creates them again."""
         self._observer.close()
         self._scene = self._tracker = None
         if self._renderer is not None:
@@ -173,7 +172,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._form(self._observer.observe(self._scene, state))
 
     def _form(self, seen: Observation) -> dict[str, Any]:
-        """Convert an observation to the format that the observation space declares."""
+        """Convert an observation to a dict in the format of the observation space."""
         return {
             **seen.images,
             "joint_positions": seen.joint_positions,

@@ -1,8 +1,8 @@
-"""Vector environments that create their environments at the first reset, not when they are constructed.
+"""Vector environments that create their environments at the first reset instead of in the constructor.
 
-Only one vector environment of a group has open environments at a time. LeRobot creates the vector environments of all
-conditions before the first episode, but uses only one at a time. After a reset, each environment holds a scene of about
-25 MB and, if it runs in a separate process, an interpreter.
+LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. An open
+environment takes about 25 MB for its scene and, if it runs in a separate process, the memory of a Python interpreter.
+Therefore, only one vector environment of a group has open environments at a time.
 """
 
 from __future__ import annotations
@@ -25,22 +25,19 @@ class ActiveEnv:
         self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
-        """Make a vector environment the active one. The environments of the previously active one are closed."""
+        """Make a vector environment active, and close the environments of the previously active vector environment."""
         if self._active is not None and self._active is not env:
             self._active.close_extras()
         self._active = env
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """Base class of the lazy vector environments.
-
-    It opens their environments at the first reset and at each reset after a close.
-    """
+    """Base class of vector environments that create their environments at the first reset, or after a close."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
-        """Store the functions that create the environments. No environment is created yet.
+        """Store the functions that create the environments, without calling them.
 
-        ``group`` is the group of vector environments to which this one belongs.
+        ``group`` is the group to which this vector environment belongs.
         """
         self._make, self._group, self._empty = tuple(make), group, True
         self.num_envs = len(self._make)
@@ -48,7 +45,7 @@ class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Reset all environments. They are created first if necessary."""
+        """Create the environments if they are not open, and reset them."""
         if self._empty:
             self._group.take(self)
             self._make_envs()
@@ -73,9 +70,10 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Lazy vector environment with one process per environment.
+    """Lazy vector environment that runs each environment in its own process.
 
-    LeRobot reads attributes of ``envs``, which therefore contains ``stand_ins`` in this process.
+    LeRobot reads attributes of the environments in ``envs``. Since the environments run in other processes, ``envs``
+    contains the objects ``stand_ins`` instead.
     """
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
@@ -83,5 +81,5 @@ class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarr
         self.envs = list(stand_ins)
 
     def _make_envs(self) -> None:
-        # A forked process would share the OpenGL context and the threads of this process.
+        # Spawn the processes, because a forked process would inherit the OpenGL context of this process.
         AsyncVectorEnv.__init__(self, self._make, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)

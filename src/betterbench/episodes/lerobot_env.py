@@ -1,8 +1,8 @@
 """Environments for LeRobot: ``make_env`` returns one vector environment per condition.
 
-``lerobot-eval`` checks with ``hasattr`` for attributes of the environments that contain the instruction. Gymnasium's
-wrappers would hide these attributes, so the environments are never wrapped. This module does not import LeRobot;
-LeRobot imports :mod:`betterbench.episodes.envhub`.
+``lerobot-eval`` uses ``hasattr`` to find the attributes of an environment that contain the instruction. Gymnasium's
+wrappers would hide these attributes, so the environments are created without wrappers. This module does not import
+LeRobot. LeRobot imports it through :mod:`betterbench.episodes.envhub`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from betterbench.errors import InvalidInputError
 __all__ = ["ENVIRONMENT_ID", "SETTINGS", "make_env"]
 
 ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
-"""ID of these environments in Gymnasium, which creates them without wrappers."""
+"""ID under which the environments are registered in Gymnasium, without wrappers."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality", "robot")
-"""Options of a configuration besides the task. They have the same names in :class:`LeRobotTaskEnv`."""
+"""Options of LeRobot's environment configuration, except the task. They are arguments of :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,
@@ -36,10 +36,7 @@ gymnasium.register(
 
 
 class _Seen:
-    """Stand-in for an environment that runs in another process.
-
-    It has the attributes that LeRobot checks with ``hasattr``.
-    """
+    """Stand-in for an environment that runs in another process, with the attributes that LeRobot reads."""
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description
@@ -58,15 +55,16 @@ def make_env(
     Args:
         n_envs: Number of environments per condition.
         use_async_envs: Whether each environment runs in its own process.
-        cfg: LeRobot's configuration of the environment. Its ``task`` replaces ``conditions``, and its attributes named
-            in :data:`SETTINGS` replace ``settings``.
-        conditions: Tasks ("fast_food" stands for all its conditions) and conditions ("fast_food/T1",
-            "fast_food/train1"), as a list or as a string separated by commas. By default, the whole suite better60.
-        settings: Further arguments of :class:`LeRobotTaskEnv`, for all environments.
+        cfg: LeRobot's configuration of the environment. Its ``task`` is used if ``conditions`` is None, and its
+            attributes named in :data:`SETTINGS` are used unless they are given in ``settings``.
+        conditions: Names of conditions ("fast_food/T1", "fast_food/train1") or of tasks ("fast_food", which selects all
+            conditions of the task), as a list or as a string separated by commas. By default, all conditions of the
+            suite better60.
+        settings: Other arguments of :class:`LeRobotTaskEnv`, for all environments.
 
     Returns:
-        Vector environments by suite and index. Each condition is a suite of its own, so that LeRobot reports success
-        rates by condition. As in ``better eval``, seed 3 is trial 3.
+        Vector environments by suite and index. In LeRobot's terms, each condition is a separate suite, so that LeRobot
+        reports success rates by condition. As in ``better eval``, seed 3 is trial 3.
 
     Raises:
         InvalidInputError: If a number is out of range.
@@ -86,7 +84,7 @@ def make_env(
     envs: dict[str, dict[int, VectorEnv[Any, Any, Any]]] = {}
     for task, name in select_conditions(wanted):
         make = functools.partial(LeRobotTaskEnv, task, variation=name, **given)
-        seen = _Seen(make())  # reports a wrong setting now instead of at the first reset
+        seen = _Seen(make())  # create an environment now, so that an invalid setting is reported immediately
         env = (
             LazyAsyncVectorEnv([make] * n_envs, group, stand_ins=[seen] * n_envs)
             if use_async_envs

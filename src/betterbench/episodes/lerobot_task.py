@@ -1,4 +1,4 @@
-"""Environment for every task, with the observation keys and attributes that LeRobot expects."""
+"""Gymnasium environment for every task, with the observation keys and attributes that LeRobot expects."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from betterbench.tasks import Truth
 
 
 def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the robot state (8,) float32 in the format that policies trained on LIBERO expect.
+    """Return the robot state (8,) float32 in the format of policies trained on LIBERO.
 
-    It consists of the tool position [m], the rotation vector [rad], and the positions of both fingers [m], the second
-    of which is negative as in robosuite. The rotation vector changes continuously while the tool points down.
+    The state consists of the end-effector position [m], the rotation vector [rad], and the positions of both finger
+    joints [m], the second negated as in robosuite. The rotation vector is continuous while the tool points down.
     """
     del actions
     finger = 0.5 * seen.gripper_width
@@ -41,15 +41,15 @@ def joint_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
 
 
 def motor_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the motor positions (n + 1,) float32 in the units of the action space, as LeRobot's robots report them.
+    """Return the motor positions (n + 1,) float32 in the units of the action space, as in LeRobot's robot classes.
 
-    The action space must be in the units of a robot's own motors.
+    The action space must use motor units (see :func:`require_motors`).
     """
     return np.array(motor_positions(actions, seen), dtype=np.float32)
 
 
 def require_motors(actions: ActionSpace) -> None:
-    """Raise InvalidInputError if an action space is not in the units of a robot's own motors."""
+    """Raise InvalidInputError if an action space does not use motor units."""
     if actions.name not in OPENING_SPACES:
         raise InvalidInputError(
             "state",
@@ -63,9 +63,9 @@ class StateLayout:
     """Layout of the robot state in a policy's input.
 
     Attributes:
-        read: Function that returns the state (float32), given an observation and an action space.
-        size: Number of values. None stands for one value per arm joint and one for the gripper.
-        bound: Upper bound of the absolute value of every entry.
+        read: Function that computes the state (size,) float32 from an observation and an action space.
+        size: Number of values. None means one value per arm joint and one value for the gripper.
+        bound: Largest possible absolute value of all entries.
     """
 
     read: Callable[[Observation, ActionSpace], np.ndarray]
@@ -77,8 +77,8 @@ class StateLayout:
         return self.size or len(robot_named(robot).arm_joints) + 1
 
 
-# Joints stay within 3.8 rad, rotation vectors within 2 pi, and positions within a few meters. Motors report up to 180
-# degrees.
+# The bounds are larger than all possible values: joints stay within 3.8 rad, rotation vectors within 2 pi, positions
+# within a few meters, and motor positions within 180 degrees.
 STATES: Mapping[str, StateLayout] = {
     "ee": StateLayout(ee_state, 8, 7.0),
     "joints": StateLayout(joint_state, None, 7.0),
@@ -97,21 +97,21 @@ def state_layout(name: str) -> StateLayout:
 class LeRobotTaskEnv(TaskEnv):
     """Environment for a task in one condition, with the observation keys that LeRobot expects.
 
-    In an observation, ``pixels`` contains one (height, width, 3) uint8 image per camera, upright as in ``better eval``.
-    ``agent_pos`` is the robot state (float32). ``info["is_success"]`` is set at the reset and at every step.
+    In an observation, ``pixels`` contains one image (height, width, 3) uint8 per camera, upright as in ``better eval``,
+    and ``agent_pos`` is the robot state (float32). ``info["is_success"]`` is set by ``reset`` and ``step``.
 
     Args:
         task: ID of the task.
         variation: Name of a variation or training condition. By default, the first training condition.
-        state: Name of the state layout: "ee", "joints" or "motors". The layout "motors" requires an action space in the
-            units of the robot's own motors.
-        cameras: New camera names by original name ({"front": "image", "wrist": "image2"}). Other cameras keep their
-            names.
+        state: Name of the state layout: "ee", "joints" or "motors". The layout "motors" requires an action space in
+            motor units.
+        cameras: New camera names by original name, such as {"front": "image", "wrist": "image2"}. Other cameras keep
+            their names.
         observation: Name of an observation preset.
         action_space: Name of an action space. By default, the standard action space of the robot.
         quality: Name of a rendering preset.
-        robot: Name of a robot. By default, the robot for which the task is made.
-        render_mode: "rgb_array" for images of the front camera.
+        robot: Name of a robot. By default, the robot for which the task is designed.
+        render_mode: "rgb_array" if ``render`` must return images of the front camera.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class LeRobotTaskEnv(TaskEnv):
         robot: str | None = None,
         render_mode: str | None = "rgb_array",
     ) -> None:
-        """Check that all names are known. The scene is not compiled until :meth:`reset` is called."""
+        """Check the arguments. The scene is compiled by ``reset``."""
         super().__init__(
             task,
             variation=variation,

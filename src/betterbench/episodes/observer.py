@@ -1,4 +1,4 @@
-"""Creation of the observations that a policy gets."""
+"""Creation of a policy's observations from the state of a scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def observation_of(
     depth: Mapping[str, np.ndarray] | None = None,
     masks: Mapping[str, np.ndarray] | None = None,
 ) -> Observation:
-    """Return the observation that belongs to a simulated or recorded state."""
+    """Create an observation from a simulated or recorded state and its images."""
     return Observation(
         instruction=instruction,
         step=state.step,
@@ -42,27 +42,27 @@ def observation_of(
 
 
 class Observer:
-    """Source of observations.
+    """Creator of observations, which renders images and combines them with the robot state.
 
-    It keeps one renderer per model, because creating a renderer takes tens of milliseconds.
+    Renderers are cached by model, because creating a renderer takes tens of milliseconds.
     """
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
-        """Create an observer that keeps up to ``renderers`` renderers, one per model."""
+        """Create an observer that caches up to ``renderers`` renderers, one per model."""
         self.spec = spec
         self._renderers = Renderers(renderers)
 
     def look(self, scene: TrialScene) -> Views:
-        """Render the current state. Return a dict of images by camera name.
+        """Render the current state, and return the images by camera name.
 
         Raises MissingDependencyError if off-screen OpenGL does not work.
         """
         return scene.views(self.spec, self._renderers) if self.spec.cameras else {}
 
     def observe(self, scene: TrialScene, state: WorldState, *, views: Views | None = None) -> Observation:
-        """Return the observation of a state.
+        """Return the observation of a scene in a state.
 
-        ``views`` contains the images if :meth:`look` has already rendered them. Otherwise, they are rendered now.
+        If ``views`` is None, render the images. Otherwise, it must contain the images returned by :meth:`look`.
         """
         if views is None:
             views = self.look(scene)

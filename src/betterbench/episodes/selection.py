@@ -1,4 +1,4 @@
-"""Selection of conditions by name, for evaluation loops outside of betterbench."""
+"""Selection of conditions by name, for evaluation loops outside betterbench."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks.interventions import condition_names, resolve_condition
 
 
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
-    """Return the conditions that the given names select, as pairs of task and condition, without duplicates.
+    """Return the conditions selected by names, as pairs (task, condition) without duplicates.
 
     The name of a task selects all its conditions, and "task/condition" selects a single condition. A string may contain
     several names, separated by commas. Without names, all conditions of the suite better60 are selected. Raises

@@ -1,7 +1,6 @@
-"""Policy addresses such as ``expert``, ``zoo:lexical?strength=0.3`` and ``openpi://host:port?preset=openpi_libero``.
+"""Parser for policy addresses such as ``expert`` and ``openpi://host:port?preset=openpi_libero``.
 
-Each policy kind declares the format of its addresses and the options that they may contain. One parser reads the
-addresses of all kinds.
+Each policy kind declares the format and the options of its addresses as an :class:`AddressForm`.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""Transport protocol of a policy server. Websocket and HTTP addresses may contain a path; ZeroMQ addresses may not."""
+"""Transport protocol of a policy server. Only websocket and HTTP addresses may contain a path."""
 
 _Reads = Literal["text", "number", "whole"]
 _Target = Literal["none", "optional", "required"]
@@ -28,20 +27,20 @@ _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 
 def _listed(allowed: object) -> str:
-    """Return the values of a Literal type as text, for messages."""
+    """Return the values of a Literal type as text, such as "'a', 'b' or 'c'"."""
     *first, last = map(repr, get_args(allowed))
     return f"{', '.join(first)} or {last}"
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Option in a policy address, written ``?name=value``.
+    """Option of a policy address, written ``?name=value``.
 
     Attributes:
-        name: Name of the option. If it ends with a period, a key follows it in the address: ``camera.KEY=value``.
-        meaning: Description of the value with its unit, used in messages ("the time limit for one answer [s]").
-        reads: Type of the value. Numbers must be finite and ≥ 0.
-        most: Largest allowed number. Infinity means that there is no limit.
+        name: Name of the option. If it ends with a period, the address must append a key, as in ``camera.KEY=value``.
+        meaning: Description of the value and its unit for messages, such as "the time limit for one answer [s]".
+        reads: Type of the value: text, number or whole number. Numbers must be finite and ≥ 0.
+        most: Largest allowed number, or infinity for no limit.
     """
 
     name: str
@@ -50,7 +49,7 @@ class Option:
     most: float = math.inf
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a field is not allowed."""
+        """Check the fields. Raises ValueError or TypeError if a value is invalid."""
         name: object = self.name
         meaning: object = self.meaning
         if not isinstance(name, str) or not name:
@@ -70,11 +69,11 @@ class Option:
 
     @property
     def shown(self) -> str:
-        """Name of the option as it is shown in messages: ``camera.KEY`` for an option that takes a key."""
+        """Name of the option for messages. If the option takes a key, "KEY" is appended, as in ``camera.KEY``."""
         return f"{self.name}KEY" if self.takes_key else self.name
 
     def fits(self, name: str) -> bool:
-        """Return whether a name in an address refers to this option."""
+        """Return whether a name in an address, such as "camera.image", refers to this option."""
         return name == self.name if not self.takes_key else name.startswith(self.name) and name != self.name
 
 
@@ -93,7 +92,7 @@ CONNECTION = (
     Option("api_key_env", "the environment variable with the key"),
     Option("tls", "whether the connection is encrypted: true or false"),
 )
-"""Options that configure the connection to a server: timeouts, retries, API key and encryption."""
+"""Options for the connection to a server: deadlines, retries, API key and encryption."""
 
 ADAPTER = (
     Option("preset", "the name of the preset, which describes the inputs and outputs of the policy"),
@@ -110,8 +109,7 @@ ADAPTER = (
     Option("rotation", "the rotation format of the answers"),
     Option("gripper", "the gripper convention of the answers"),
 )
-"""Options that select the adapter (a preset or a file), and options that override individual settings of the adapter.
-"""
+"""Options that select an adapter (``preset`` or ``adapter``), and options that override settings of this adapter."""
 
 CAMERA = Option("camera.", "the name of the camera whose image is sent as KEY")
 CONSTANT = Option("send.", "the constant that each request contains as KEY")
@@ -122,9 +120,9 @@ class AddressForm:
     """Format of the addresses of one policy kind.
 
     Attributes:
-        scheme: Name of the policy kind, which is the prefix of its addresses.
-        example: Example of an address, used in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether a colon and a target follow the scheme. The target is a name, a file or a server.
+        scheme: Prefix of the addresses, which is the name of the policy kind.
+        example: Example of an address for messages, such as "gr00t://localhost:5555" or "learned:CHECKPOINT".
+        target: Whether the scheme is followed by a colon and a target (a name, a file or a server).
         options: Options that the addresses may contain.
         transport: Transport protocol of the server, or None for a policy without a server.
         port: Default port of the server.
@@ -138,7 +136,7 @@ class AddressForm:
     port: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a field is not allowed."""
+        """Check the fields. Raises ValueError or TypeError if a value is invalid."""
         where = f"policy kind {self.scheme}"
         if self.target not in get_args(_Target):
             raise ValueError(f"{where}: target={self.target!r} is unknown. Use {_listed(_Target)}")
@@ -151,10 +149,7 @@ class AddressForm:
             raise ValueError(f"{where}: the option {twice!r} is declared twice")
 
     def has(self, text: str) -> bool:
-        """Return whether an address begins with the scheme of this policy kind.
-
-        If the scheme requires a target, the address must also contain a colon.
-        """
+        """Return whether an address has the scheme of this policy kind, and a colon if a target is required."""
         head = text.partition("?")[0]
         scheme, colon, _ = head.partition(":")
         needed = {"none": "", "required": ":"}.get(self.target, colon)
@@ -165,19 +160,21 @@ class AddressForm:
 
         Args:
             text: Address to parse.
-            world: Benchmark whose conventions the policy uses, such as "libero", or empty for betterbench's own scenes.
+            world: Benchmark in which the policy is evaluated, such as "libero". Empty for betterbench's own scenes.
 
         Raises:
-            UnknownNameError: If the address has an option that the policy kind does not know.
-            InvalidInputError: If the target is missing or is not a server, or if an option is malformed, empty or given
-                twice.
+            UnknownNameError: If the policy kind does not have an option of the address.
+            InvalidInputError: If the target is missing or is not a valid server, or if an option is malformed, empty or
+                given twice.
         """
         head, _, query = text.partition("?")
         target = head.partition(":")[2]
         if self.transport is not None:
             target = target.removeprefix("//")
         if self.target == "required" and not target:
-            raise InvalidInputError(f"policy {one_line(text)}", "nothing follows the colon", f"Write {self.example}")
+            raise InvalidInputError(
+                f"policy {one_line(text)}", "the target after the colon is missing", f"Write {self.example}"
+            )
         address = PolicyAddress(text, self, target, self._options(text, query), world)
         for name in address.options:
             address.check(name)
@@ -212,11 +209,15 @@ class AddressForm:
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """Parsed policy address, with the target of the policy (such as "localhost:8000") and the options.
+    """Parsed policy address, as returned by :meth:`AddressForm.read`.
 
-    The options have been checked by :meth:`AddressForm.read`. ``world`` is the benchmark whose conventions the policy
-    uses, such as "libero". It is empty for betterbench's own scenes. For each other benchmark, a preset describes the
-    inputs and outputs of policies that were trained on it.
+    Attributes:
+        text: Complete address, as the user wrote it.
+        form: Format of the addresses of this policy kind.
+        target: Target of the address, such as "localhost:8000".
+        options: Options of the address, by name.
+        world: Benchmark in which the policy is evaluated, such as "libero". Empty for betterbench's own scenes. Presets
+            depend on the benchmark.
     """
 
     text: str
@@ -232,37 +233,37 @@ class PolicyAddress:
 
     @property
     def name(self) -> str:
-        """Address without the options ("zoo:lexical")."""
+        """Address without the options, such as "zoo:lexical"."""
         return self.text.partition("?")[0]
 
     def error(self, problem: str, cure: str) -> InvalidInputError:
-        """Create an error that names this address.
+        """Create an error whose message begins with this address.
 
         Args:
-            problem: Description of what is wrong.
+            problem: Description of the problem.
             cure: Sentence that tells the user how to correct the address.
         """
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return the names of the given options that this address sets."""
+        """Return the names of the options in ``options`` that this address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property
     def names_adapter(self) -> bool:
-        """Whether the address selects an adapter, by the option ``preset`` or the option ``adapter``."""
+        """Whether the address selects an adapter with the option ``preset`` or ``adapter``."""
         return "preset" in self.options or "adapter" in self.options
 
     @property
     def server_name(self) -> str:
-        """Name of the server as it is shown in messages."""
+        """Name of the server for messages."""
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
         """Return the host and port of the server.
 
-        For schemes that allow a path, a path may follow the port. Raises InvalidInputError if the target does not have
-        the form "host:port".
+        Raises InvalidInputError if the target is not of the form "host", "host:port" or, for protocols that allow a
+        path, "host:port/path".
         """
         host, port, path, place = None, None, "", ""
         try:
@@ -293,18 +294,15 @@ class PolicyAddress:
 
     @property
     def path(self) -> str:
-        """Path to which requests are sent.
-
-        If the address contains no path, it is ``/act`` for HTTP and ``/`` for websockets.
-        """
+        """URL path of the server. If the address contains no path, it is "/act" for HTTP and "/" for websockets."""
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return the settings for the execution of action chunks, according to the options of the address.
+        """Return the settings for executing action chunks, read from the options of the address.
 
-        Raises InvalidInputError if the options contradict each other. ``usual_horizon`` is the execution horizon that
-        the adapter declares. It is used if the address sets neither ``horizon`` nor ``ensemble``.
+        ``usual_horizon`` is the default execution horizon of the adapter. It is used if the address sets neither
+        ``horizon`` nor ``ensemble``. Raises InvalidInputError if the options contradict each other.
         """
         ahead, horizon = self.whole("ahead", 0), None
         if "horizon" in self.options:
@@ -322,7 +320,7 @@ class PolicyAddress:
         )
 
     def check(self, name: str) -> None:
-        """Raise InvalidInputError if the address sets the option to a value that is not allowed."""
+        """Raise InvalidInputError if the value of an option is not a number of the declared type and range."""
         option = self._option(name)
         if option.reads == "whole":
             self.whole(name)
@@ -330,9 +328,9 @@ class PolicyAddress:
             self.number(name)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return the value of an option as a finite number ≥ 0.
+        """Return the value of an option as a number.
 
-        Raises InvalidInputError if the value is not such a number or exceeds the limit of the option.
+        Raises InvalidInputError if the value is not a finite number ≥ 0, or if it exceeds the limit of the option.
         """
         option, text = self._option(name), self.options.get(name)
         if text is None:
@@ -346,7 +344,7 @@ class PolicyAddress:
         return value
 
     def _option(self, name: str) -> Option:
-        """Return a declared option. Raises InvalidInputError if the form does not declare it."""
+        """Return the declaration of an option. Raises InvalidInputError if the policy kind does not declare it."""
         for option in self.form.options:
             if option.fits(name):
                 return option
@@ -369,7 +367,7 @@ class PolicyAddress:
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
         """Return the value of an option that must be one of the given words.
 
-        Raises UnknownNameError for any other word.
+        Raises UnknownNameError for any other value.
         """
         self._option(name)
         if name not in self.options:
@@ -385,7 +383,7 @@ class PolicyAddress:
 
 
 def _number(text: str) -> float:
-    """Return the number in a text, or NaN if there is none."""
+    """Convert text to a number. Return NaN if the text is not a number."""
     try:
         return float(text)
     except ValueError:

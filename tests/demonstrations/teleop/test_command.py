@@ -61,7 +61,7 @@ def test_a_port_that_is_taken_is_named():
             server.free_port("127.0.0.1", port)
     assert server.free_port("127.0.0.1", 0) > 0
     for bad in (-1, 65536):
-        with pytest.raises(InvalidInputError, match="0 to 65535"):
+        with pytest.raises(InvalidInputError, match="1 to 65535, or 0"):
             server.free_port("127.0.0.1", bad)
     with pytest.raises(InvalidInputError, match=r"cannot listen on 203\.0\.113\.9"):
         server.free_port("203.0.113.9", 0)

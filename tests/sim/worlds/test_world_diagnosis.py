@@ -144,7 +144,7 @@ def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_p
     listener = ReportListener(say=told.append)
     built = build_report([base], tmp_path / "page", latex=False, films=2, listener=listener)
     told = " ".join(told)
-    assert "No films: only trials of variations are filmed, but these 6 records belong to training." in told
+    assert "No films: only trials of variations are filmed, but the 6 records belong to training conditions." in told
     assert "has a record" not in told
     (verdict,) = built.verdicts
     assert "run libero_object_swap with the same policy" in verdict

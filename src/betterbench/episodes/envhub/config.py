@@ -1,4 +1,4 @@
-"""Configuration of betterbench's environments for LeRobot's commands: ``--env.type=betterbench``."""
+"""LeRobot configuration of betterbench's environments, selected with ``--env.type=betterbench``."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from betterbench.tasks import get_task
 @EnvConfig.register_subclass("betterbench")  # type: ignore[untyped-decorator, unused-ignore]
 @dataclass
 class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
-    """Configuration of betterbench's environments for LeRobot.
+    """LeRobot configuration of betterbench's environments.
 
     Attributes:
-        task: Condition ("fast_food/T1"). LeRobot 0.5 and later also accept several conditions or tasks, separated by
-            commas.
-        fps: Number of control steps per second.
+        task: Name of a condition, such as "fast_food/T1". With LeRobot 0.5 and later, several conditions or tasks,
+            separated by commas, are also allowed.
+        fps: Control rate [Hz].
         state: Name of the state layout, "ee", "joints" or "motors".
         cameras: New camera names by original camera name.
         observation: Name of an observation preset.
         action_space: Name of an action space. By default, the standard action space of the robot.
         quality: Name of a rendering preset.
-        robot: Name of a robot. By default, the robot for which the tasks are made.
-        features: Observations and actions of the environment. They are set automatically.
-        features_map: Mapping from the names in ``features`` to the names that the policy uses. It is set automatically.
+        robot: Name of a robot. By default, the robot for which the tasks are designed.
+        features: Types and shapes of the observations and actions. Set automatically.
+        features_map: Name of the policy's feature, by name of the environment's feature. Set automatically.
     """
 
     task: str | None = "fast_food/train1"
@@ -50,7 +50,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Declare the observations and actions, and map the environment's names for them to LeRobot's names."""
+        """Set ``features`` and ``features_map``."""
         robot = self.robot or _robot_of(self.task)
         dim = action_space(robot_space(robot, self.action_space)).dim
         self.features = {
@@ -72,36 +72,36 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Arguments with which LeRobot 0.4 creates the Gymnasium environment.
+        """Arguments of the Gymnasium environment for LeRobot 0.4.
 
-        Raises InvalidInputError if there are several conditions.
+        Raises InvalidInputError if ``task`` selects several conditions.
         """
         named = select_conditions(self.task)
         if len(named) != 1:
             raise InvalidInputError(
                 "--env.task",
-                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot version evaluates one at a time",
+                f"{self.task!r} selects {len(named)} conditions, but this LeRobot version supports only one",
                 "Use a single condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-        """Return the vector environments of all conditions. LeRobot calls this method in version 0.5 and later."""
+        """Create the vector environments of all conditions. Called by LeRobot 0.5 and later."""
         return make_env(n_envs, use_async_envs, cfg=self)
 
 
 def _robot_of(conditions: str | None) -> str:
-    """Return the robot for which the tasks of these conditions are made.
+    """Return the robot for which the tasks of these conditions are designed.
 
-    Raises InvalidInputError if they are made for several robots.
+    Raises InvalidInputError if the tasks are designed for different robots.
     """
     robots = {task: get_task(task).robot for task, _ in select_conditions(conditions)}
     if len(set(robots.values())) > 1:
         listed = ", ".join(f"{task}: {robot}" for task, robot in robots.items())
         raise InvalidInputError(
             "--env.task",
-            f"its tasks are made for several robots ({listed})",
+            f"its tasks are designed for different robots ({listed})",
             "Evaluate the tasks of one robot at a time",
         )
     return next(iter(robots.values()))

@@ -1,4 +1,4 @@
-"""Complete package for LeRobot's environment hub. The package consists of this file alone and requires betterbench."""
+"""Package for LeRobot's environment hub. It consists of this file, which requires that betterbench is installed."""
 
 from betterbench.episodes.lerobot_env import make_env
 

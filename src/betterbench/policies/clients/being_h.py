@@ -1,13 +1,13 @@
 """Client for Being-H's inference server: ``being-h://host:port``.
 
-The server uses ZeroMQ REQ/REP. Like those of GR00T N1.5, its requests contain an endpoint, data and a token, but they
-are serialized with torch. The server unpickles the requests. This client never unpickles replies; it reads them with
-:mod:`betterbench.policies.protocols.torch_payload`. The client does not call ``get_modality_config``, because the reply
-contains objects of classes defined by the server, which could only be read by unpickling them. Source:
-BeingBeyond/Being-H, ``BeingH/inference/service.py``.
+The server uses ZeroMQ REQ/REP. As with GR00T N1.5, a request contains an endpoint, data and a token, but messages are
+serialized with ``torch.save``. The server unpickles the requests. The client never unpickles replies, because this
+could run arbitrary code; it reads them with :mod:`betterbench.policies.protocols.torch_payload`. The client does not
+call ``get_modality_config``, because the reply contains Python objects that can only be read by unpickling them.
+Source: BeingBeyond/Being-H, ``BeingH/inference/service.py``.
 
-As an alternative, the bridge :mod:`betterbench.policies.clients.bridges.being_h_bridge` can be used. Then only the
-server needs torch.
+Alternatively, serve the policy with :mod:`betterbench.policies.clients.bridges.being_h_bridge`. The client then does
+not need torch.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _UNIFIED = "action_unified"
 
 
 class BeingHServer(EndpointServer):
-    """Connection to a Being-H server, with requests and answers serialized by torch."""
+    """Connection to a Being-H server. Messages are serialized in the format of ``torch.save``."""
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
         return write_torch(question)
@@ -46,8 +46,8 @@ class BeingHClient(ServerClient[BeingHServer]):
     """Client for a Being-H policy. Each environment needs its own client.
 
     For real-time chunking, the server also returns the complete chunk in its unified action space. If ``ahead`` or
-    ``delay`` is set, the next request contains those actions of this chunk that have not been executed, and the number
-    of control steps that pass while the next chunk is computed. The new chunk then continues the old chunk.
+    ``delay`` is set, the next request contains the unexecuted actions of this chunk and the number of control steps
+    that pass during inference. The server uses them to continue the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
@@ -67,7 +67,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64."""
+        """Return the next action chunk as an array (horizon, dim) float64."""
         data = self.adapter.request(observation)
         if self._last is not None:
             data |= continue_previous_chunk(*self._last, step=observation.step, delay=self._delay)
@@ -79,11 +79,11 @@ class BeingHClient(ServerClient[BeingHServer]):
 
 
 def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the request entries for real-time chunking, or an empty dict if too few actions of the old chunk are left.
+    """Return the request entries for real-time chunking.
 
-    ``chunk`` is the old chunk, (..., horizon, dim) in the policy's own action space, as returned for the request at
-    step ``asked_at``. The server uses the first ``delay`` rows of the chunk it receives as the first rows of its new
-    chunk.
+    ``chunk`` is the old chunk, (..., horizon, dim) in the policy's own action space, which was requested at step
+    ``asked_at``. The server copies the first ``delay`` rows of the chunk that it receives to its new chunk. If fewer
+    than ``delay`` unexecuted rows remain at control step ``step``, the result is an empty dict.
     """
     if not delay or rows_left(asked_at, chunk, step=step) < delay:
         return {}
@@ -93,7 +93,7 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 def _numbers(chunk: object, where: str) -> np.ndarray:
     """Convert a complete action chunk to an array.
 
-    The server sends the chunk as lists, but accepts only arrays in requests.
+    The server returns the chunk as nested lists, but accepts only arrays in requests.
     """
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Loading and running of LeRobot checkpoints, which consist of weights, processors and declared features."""
+"""Loading and inference of LeRobot checkpoints, which consist of weights, processors and a configuration."""
 
 from __future__ import annotations
 
@@ -32,14 +32,16 @@ _WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""LeRobot policy types that predict a chunk from a single observation.
+"""LeRobot policy types that predict an action chunk from a single observation.
 
-All other types also use earlier observations.
+All other types are called at every control step, because they may use earlier observations.
 """
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
-"""LeRobot policy types that start from random noise. betterbench draws the noise for each environment separately, so
-that the actions do not depend on the other observations in a batch.
+"""LeRobot policy types that generate actions from random noise.
+
+betterbench draws the noise for each environment separately, so that the actions do not depend on the other observations
+in the batch.
 """
 
 
@@ -61,14 +63,14 @@ class Features:
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
         """Read the features from the configuration of a LeRobot policy.
 
-        Raises InvalidInputError if the policy needs an input that observations do not contain, or if its output is not
-        an action.
+        Raises InvalidInputError if the policy needs an input that betterbench's observations do not contain, or if its
+        output is not a single action vector.
         """
         images, states = {}, {}
         for key, feature in (config.input_features or {}).items():
             kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
             if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
-                # skip placeholder cameras, which are empty in training too
+                # Skip placeholders for missing cameras, whose images were empty in training too.
                 if "empty_camera" not in key:
                     images[key] = (int(shape[1]), int(shape[2]))
             elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
@@ -92,21 +94,22 @@ class Features:
 
 
 class Checkpoint:
-    """Loaded weights and processors of a checkpoint, which several policies in one process share.
+    """Network and processors of a loaded checkpoint. Several policies in one process can share a checkpoint.
 
-    ``fingerprint`` is the SHA-256 of the configuration, the weights and the processors. ``lock`` is held while the
-    network computes, so only one policy uses it at a time.
+    ``fingerprint`` is the SHA-256 of the configuration, the weights and the processors. ``lock`` is held during
+    inference, so that only one policy uses the network at a time.
     """
 
     def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
         """Load a checkpoint from a folder or from the Hugging Face hub onto a device.
 
-        If ``device`` is None, choose one. To avoid loading a checkpoint twice, call :func:`load_checkpoint` instead.
-        Python code that the checkpoint refers to is run only if ``trusted`` is True.
+        If ``device`` is None, use CUDA or MPS if available, and otherwise the CPU. Call :func:`load_checkpoint` instead
+        to reuse a checkpoint that is already loaded. If ``trusted`` is False, a checkpoint that refers to Python code
+        outside LeRobot is rejected.
 
         Raises:
             MissingDependencyError: If LeRobot, or another package that this type of policy needs, is not installed.
-            InvalidInputError: If the checkpoint does not exist, cannot be used, or refers to Python code but is not
+            InvalidInputError: If the checkpoint does not exist, cannot be loaded, or refers to Python code but is not
                 trusted.
         """
         self._torch = _import("torch")
@@ -114,9 +117,9 @@ class Checkpoint:
         self.lock = threading.Lock()
         self.device = self._choose_device(device, where)
         try:
-            # LeRobot prints to stdout while loading; stdout is reserved for the tables of the command line.
+            # LeRobot prints to stdout while loading, but betterbench's commands print only their results to stdout.
             with contextlib.redirect_stdout(sys.stderr):
-                _import("lerobot.policies")  # registers the types
+                _import("lerobot.policies")  # the import registers the policy types
                 known = configs.PreTrainedConfig.get_known_choices()
                 if kind := _told_type(path):
                     require_type(kind, known, where)
@@ -147,8 +150,7 @@ class Checkpoint:
         except BetterError:
             raise
         except Exception as error:
-            # LeRobot can raise any exception for an unusable checkpoint, so all of them are reported as a one-line
-            # error.
+            # LeRobot raises many types of exceptions for an unusable checkpoint. Report all of them as one line.
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where,
@@ -189,8 +191,8 @@ class Checkpoint:
             )
 
     def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
-        """Return a policy that shares the weights of this checkpoint but remembers its own past observations."""
-        # A shallow copy shares the modules, and reset() replaces only the memory of this copy.
+        """Return a policy that shares the weights of this checkpoint but has its own observation history."""
+        # A shallow copy shares the modules, and reset() replaces only the observation history of the copy.
         made = copy.copy(self.policy)
         made.reset()
         return made
@@ -211,7 +213,7 @@ class Checkpoint:
             prepared = self._before(dict(batch))
             extra = {"noise": self._noise(seeds)} if self.type in NOISE_TYPES else {}
             raw = self.policy.predict_action_chunk(prepared, **extra)
-            # the processors expect one action per environment, so pass each action of a chunk as a separate row
+            # The processors expect a batch of single actions, so each action of a chunk becomes one row of the batch.
             done = self._after(raw.reshape(-1, raw.shape[-1]))
         actions = done.reshape(*raw.shape[:2], -1)[..., : self.features.action]
         return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
@@ -246,7 +248,7 @@ _LOADING = threading.Lock()
 
 
 def load_checkpoint(address: PolicyAddress) -> Checkpoint:
-    """Load the checkpoint that an address "lerobot:CHECKPOINT" names. Policies in the same process share it.
+    """Load the checkpoint of a policy address, or return it if a policy in this process has already loaded it.
 
     Raises the errors of :class:`Checkpoint`.
     """
@@ -265,9 +267,9 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
 
 
 def _processor_files(path: str) -> dict[str, Path]:
-    """Return the paths of a checkpoint's processor files, by name.
+    """Return the paths of a checkpoint's processor files, by name. Download the files of a checkpoint on the hub.
 
-    Files that do not exist are left out, since LeRobot reports them itself.
+    Missing files are omitted, because LeRobot reports them when it loads the checkpoint.
     """
     folder = Path(path)
     if folder.is_dir():
@@ -277,21 +279,22 @@ def _processor_files(path: str) -> dict[str, Path]:
         try:
             found[name] = Path(hub.hf_hub_download(path, name))
         except errors.EntryNotFoundError as error:
-            # Do not hide download errors: the file may exist on the hub, and LeRobot might download it a moment later.
+            # A failed download does not mean that the file is missing. LeRobot could still download and use the file,
+            # so it must not skip the check for code.
             if isinstance(error, errors.LocalEntryNotFoundError):
                 raise
     return found
 
 
 def _weights_file(path: str) -> Path:
-    """Return the path of a checkpoint's weights file, which is downloaded if the checkpoint is on the hub."""
+    """Return the path of a checkpoint's weights file. Download the file if the checkpoint is on the hub."""
     if Path(path).is_dir():
         return Path(path) / _WEIGHTS
     return Path(_import("huggingface_hub").hf_hub_download(path, _WEIGHTS))
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of those files of a checkpoint that are loaded."""
+    """Return the SHA-256 of the checkpoint's JSON and safetensors files."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
@@ -304,10 +307,7 @@ def _fingerprint(path: str) -> str:
 
 
 def _told_type(path: str) -> str:
-    """Return the policy type in the configuration of a checkpoint folder.
-
-    Return an empty string for an ID on the hub.
-    """
+    """Return the policy type in a checkpoint folder's config.json, or an empty string for a checkpoint on the hub."""
     file = Path(path) / "config.json"
     form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""

@@ -1,10 +1,10 @@
-"""Check of whether loading a LeRobot checkpoint would run Python code written by the checkpoint's author.
+"""Security check that rejects LeRobot checkpoints which would run arbitrary code when they are loaded.
 
 LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step with a
 ``registry_name`` is part of LeRobot. A step with a ``class`` can name any function in any module, for example
 ``os.system``, and LeRobot calls this function with the arguments in the file (``_resolve_step_class`` in
 ``lerobot/processor/pipeline.py``). Some policy types also load a tokenizer with ``trust_remote_code`` from a repository
-that the checkpoint names. Both are refused unless the user states that the checkpoint is trusted.
+that the checkpoint names. Both are rejected unless the user adds ``trust=true`` to the policy address.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from betterbench.json_form import parse_json, read_bounded
 PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
 
 _MAX_BYTES = 64 * 1024 * 1024
-_CURE = "Give ?trust=true if you trust the author of the checkpoint"
+_CURE = "Add ?trust=true to the policy address if you trust the author of the checkpoint"
 _CODE_OF: Mapping[str, str] = {
     "action_tokenizer_name": "physical-intelligence/fast",
     "action_tokenizer_path": "physical-intelligence/fast",
@@ -27,8 +27,9 @@ _CODE_OF: Mapping[str, str] = {
     "paligemma_tokenizer_name": "google/paligemma-3b-pt-224",
     "tokenizer_assets_repo": "lerobot/eagle2hg-processor-groot-n1p5",
 }
-"""Fields that may name a repository whose code is run, and for each the only value that is allowed, which is LeRobot's
-default.
+"""Configuration fields that name a repository from which code is loaded, each with the only allowed value.
+
+The allowed values are LeRobot's defaults.
 """
 
 
@@ -38,10 +39,10 @@ def require_no_code(config: object, files: Mapping[str, Path], where: str) -> No
     Args:
         config: Configuration of the policy, as read by LeRobot.
         files: Paths of the processor files, by name.
-        where: Name of the checkpoint as shown in messages.
+        where: Name of the checkpoint for error messages.
 
     Raises:
-        InvalidInputError: If the checkpoint refers to other code, or a processor file cannot be read.
+        InvalidInputError: If the checkpoint refers to code outside LeRobot, or if a processor file cannot be read.
     """
     for name in _CODE_OF:
         _require_known(name, getattr(config, name, None), f"its {name}", where)
@@ -84,7 +85,7 @@ def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
 
 
 def _entries(value: object) -> Iterator[tuple[str, object]]:
-    """Yield every key and value of all maps in a nested value."""
+    """Yield all key-value pairs of the maps in a nested JSON value."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield key, inner

@@ -1,7 +1,8 @@
-"""Limits on the size of the network that the configuration of a LeRobot checkpoint describes.
+"""Limits on the size of the network that is built from the configuration of a LeRobot checkpoint.
 
-LeRobot builds the network from ``config.json`` before it reads the weights. Without a limit, a configuration with a
-layer width of a million would fill all memory before LeRobot notices that the weights do not match.
+LeRobot builds the network from ``config.json`` before it reads the weights. Without these limits, an invalid
+configuration, for example one with a layer width of a million, would fill all memory before LeRobot could detect that
+the weights do not match.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ LeRobot's own configurations use at most 100.
 """
 
 _ALWAYS_ALLOWED = 16_000_000
-"""Number of parameters that is always allowed, because LeRobot first builds a backbone that it later replaces."""
+"""Number of parameters that is allowed even if the weights file is smaller.
+
+LeRobot first builds a backbone that it later replaces, so more parameters may be created than the file contains.
+"""
 
 
 _MOST_TENSORS = 100_000
@@ -28,10 +32,10 @@ _MOST_TENSORS = 100_000
 
 
 def require_short_horizons(config: object, where: str) -> None:
-    """Check the lengths of chunks and histories in a configuration. LeRobot allocates tables of these lengths.
+    """Check the lengths of chunks and histories in a configuration, because LeRobot allocates tables of these lengths.
 
     Raises:
-        InvalidInputError: If a length is above 4,096.
+        InvalidInputError: If a length is above 4,096 steps.
     """
     for name in _STEPS:
         value = getattr(config, name, None)
@@ -45,18 +49,19 @@ def require_short_horizons(config: object, where: str) -> None:
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """While this context is active, limit the number of parameters of each network to the size of the weights file.
+    """Context manager that limits the number of network parameters to the number of bytes in the weights file.
 
-    A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
-    than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
-    parameter and then fills it. The limit is checked when the parameter is registered, before its memory is used.
+    A parameter takes at least one byte in the file (four bytes in LeRobot's own files), so a network with more
+    parameters than bytes in the file cannot be the saved network. PyTorch allocates the memory of a parameter,
+    registers the parameter and then initializes it. The limit is checked at the registration, so the operating system
+    has not yet assigned physical memory.
 
     Args:
         file_bytes: Size of the weights file [bytes].
-        where: Name of the checkpoint, as shown in messages.
+        where: Name of the checkpoint for error messages.
 
     Raises:
-        InvalidInputError: If a network exceeds the limit.
+        InvalidInputError: If the number of parameters or weight tensors exceeds its limit.
     """
     most, seen, tensors = max(file_bytes, _ALWAYS_ALLOWED), 0, 0
 

@@ -1,4 +1,4 @@
-"""Connection to a policy server, with reconnects, deadlines and retries. All clients of policy servers use it."""
+"""Connection to a policy server with deadlines, retries and automatic reconnection, shared by all policy clients."""
 
 from __future__ import annotations
 
@@ -18,13 +18,10 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a failed request or connection attempt is repeated for the first time [s].
-
-It doubles with each attempt.
-"""
+"""Pause before the first retry of a failed request or connection [s]. The pause doubles with each further retry."""
 
 LONGEST_WAIT_S = 604_800
-"""Largest allowed value of the deadlines and of ``patience_s`` [s], which is one week."""
+"""Largest allowed value of ``timeout_s``, ``warmup_s`` and ``patience_s`` [s]: one week."""
 
 MOST_RETRIES = 1000
 """Largest allowed number of retries."""
@@ -34,7 +31,7 @@ LONGEST_PAUSE_S = 5.0
 
 
 class ClosableConnection(Protocol):
-    """A connection to a server."""
+    """Interface of the connections that :class:`PolicyConnection` manages."""
 
     def close(self) -> None:
         """Close the connection. This never raises an error."""
@@ -49,13 +46,14 @@ class ConnectionLimits:
     """Deadlines and retries of a connection to a policy server.
 
     Attributes:
-        timeout_s: Maximum time for each request [s].
-        warmup_s: Maximum time for the first request [s]. It is longer than ``timeout_s``, because many servers compile
-            their model during the first request. If the first request times out, ``timeout_s`` applies from then on.
+        timeout_s: Maximum duration of each request except the first [s].
+        warmup_s: Maximum duration of the first request [s]. The default is longer than ``timeout_s``, because many
+            servers compile their model during the first request. If the first request times out, its retries use
+            ``timeout_s``.
         retries: Number of times that a request is repeated after a broken connection or a timeout.
         patience_s: Time for which the client keeps trying to connect to an unreachable server [s].
-        seed: Seed for the random part of each pause. The randomness keeps the clients of a lost server from
-            reconnecting all at once.
+        seed: Seed for the random part of each pause. Random pauses prevent all clients from reconnecting to a restarted
+            server at the same moment.
     """
 
     timeout_s: float = 30.0
@@ -66,9 +64,9 @@ class ConnectionLimits:
 
     @classmethod
     def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
-        """Return the limits that the options of an address set.
+        """Read the limits from the options of a policy address.
 
-        Raises InvalidInputError if an option is not a number, or if a time limit is zero.
+        Raises InvalidInputError if an option is not a number, is too large, or sets a deadline of 0 s.
         """
         usual = cls()
         limits = cls(
@@ -93,13 +91,14 @@ class ConnectionLimits:
 
 
 class PolicyConnection(Generic[Connection]):
-    """Connection to one policy server. If it is lost, it is opened again.
+    """Connection to one policy server, which is reopened automatically after it breaks.
 
-    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends all waiting.
+    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends any waiting for the
+    server.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
-        """Store the settings. The server is not contacted yet.
+        """Store the settings without contacting the server.
 
         ``dial`` connects to the server and does the handshake within the given time [s]. It raises OSError if another
         attempt may succeed, and a BetterError otherwise.
@@ -118,11 +117,11 @@ class PolicyConnection(Generic[Connection]):
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
-        """Set the counts of requests, retries and reconnects to zero. This is called at the beginning of an episode."""
+        """Reset the counts of requests, retries and reconnects at the beginning of an episode."""
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the open connection. If there is none, try to connect until the server answers.
+        """Return the open connection. If there is none, try to connect for up to ``patience_s``.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
@@ -136,7 +135,7 @@ class PolicyConnection(Generic[Connection]):
             self._check_open()
             left = self._limits.patience_s - (time.monotonic() - began)
             try:
-                # The last attempt gets at least one second. If patience is 0, it is also the only attempt.
+                # Each attempt may take at least one second, even if less time is left or patience is 0.
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
                 left = self._limits.patience_s - (time.monotonic() - began)
@@ -157,7 +156,7 @@ class PolicyConnection(Generic[Connection]):
                 return self._connection
 
     def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
-        """Send a request. Repeat it if the connection breaks or the deadline passes.
+        """Send a request and return the reply. Repeat the request if the connection breaks or the deadline passes.
 
         Args:
             exchange: Function that sends the request over a connection and returns the reply within the given time [s].
@@ -176,8 +175,7 @@ class PolicyConnection(Generic[Connection]):
             try:
                 reply = exchange(connection, deadline)
             except PolicyError:
-                # The connection may still deliver data of the failed request, so it cannot be used for the next
-                # request.
+                # The server may still send data for the failed request, so the connection cannot be reused.
                 self.drop()
                 raise
             except OSError as problem:
@@ -198,11 +196,11 @@ class PolicyConnection(Generic[Connection]):
         raise AssertionError("unreachable: the last attempt either returns or raises")
 
     def holds(self, connection: Connection) -> bool:
-        """Return whether the given connection is the one that is currently open."""
+        """Return whether the given connection is still open, i.e. has not been dropped or replaced."""
         return self._connection is connection
 
     def drop(self) -> None:
-        """End the connection. The next request opens a new connection."""
+        """Close the current connection. The next request opens a new one."""
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.close()
@@ -222,9 +220,9 @@ class PolicyConnection(Generic[Connection]):
 
 
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
-    """Return the API key from the environment variable that an address names.
+    """Return the API key stored in the environment variable that a policy address names.
 
-    The address contains only the name of the variable, since addresses must not contain keys.
+    Addresses are stored with the run, so they must not contain the key itself.
 
     Raises InvalidInputError if the variable is not set, or if its value cannot be sent in a header.
     """
@@ -238,5 +236,5 @@ def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
 
 
 def _brief(problem: OSError) -> str:
-    """Return a description of an error that has at most 200 characters."""
+    """Return the message of an error, shortened to 200 characters."""
     return " ".join(str(problem.strerror or problem).split())[:200] or type(problem).__name__

@@ -1,10 +1,10 @@
-"""Requests to Dexbotic's inference server (``http://host:7891/v1/infer``), and the server's description of its model.
+"""Requests to Dexbotic's inference server (``http://host:7891/v1/infer``), and parsing of its model description.
 
-``POST /v1/infer`` takes JSON with the prompt, a state, and the images as base64-encoded PNG files, which are numbered
-by camera slot. The answer contains ``actions``. Older releases have ``POST /process_frame`` instead, which takes the
-same data as a form with files and returns ``response``. ``GET /v1/capabilities`` declares the camera slots, the state
-and the number of values in an action. ``POST /v1/reset`` begins an episode. In form requests, a flag marks the first
-request of an episode instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``, ``dexbotic/client.py`` and
+``POST /v1/infer`` takes JSON with the prompt, a state, and base64-encoded PNG images, which are numbered by camera
+slot. The answer contains ``actions``. ``GET /v1/capabilities`` describes the camera slots, the state and the action
+size of the model. ``POST /v1/reset`` begins an episode. Older releases have ``POST /process_frame`` instead, which
+takes the same data as a multipart form and returns ``response``. A flag in the form marks the first request of an
+episode. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``, ``dexbotic/client.py`` and
 ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark, ``evaluation/policies/base_vla_agent.py``.
 """
 
@@ -34,9 +34,9 @@ class Route:
     """Endpoints of a Dexbotic server, derived from the path to which requests are sent.
 
     Attributes:
-        form: Whether requests are sent as form data instead of JSON.
-        capabilities: Path at which the server describes its model. Empty for a server that takes forms.
-        reset: Path that begins a new episode. Empty for a server that takes forms.
+        form: Whether requests are sent as multipart forms instead of JSON (older releases).
+        capabilities: Path at which the server describes its model. Empty for older releases.
+        reset: Path that begins a new episode. Empty for older releases.
     """
 
     form: bool
@@ -65,8 +65,7 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
         request: Request in the layout :data:`presets.DEXBOTIC`. Its ``observation`` contains the prompt, the images by
             camera slot and, if the model uses one, a state. Other entries (``send.KEY=VALUE``) become fields of the
             form.
-        first: Whether this is the first request of an episode. Models that remember earlier observations need to know
-            this.
+        first: Whether this is the first request of an episode, at which a model with an observation history clears it.
 
     Raises:
         PolicyError: If the request has a different layout.
@@ -91,15 +90,15 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
 
 
 def read_form_answer(reply: object) -> object:
-    """Convert the answer to a form request to the layout of ``/v1/infer``, with the actions under ``actions``."""
+    """Convert an answer of ``/process_frame`` to the layout of ``/v1/infer``."""
     return {_ANSWER: reply[_FORM_ANSWER]} if isinstance(reply, Mapping) and _FORM_ANSWER in reply else reply
 
 
 def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
     """Compare a server's description of its model with an adapter, and return the description.
 
-    Raises HandshakeError if the model does not generate actions, or if it needs an image, a state or an action size
-    that the adapter does not provide. The message quotes the server's description and the adapter.
+    Raises HandshakeError if the model does not generate actions, if it requires an image or a state that the adapter
+    does not send, or if the action sizes differ. The message quotes the values of both sides.
     """
     if not isinstance(told, Mapping):
         raise HandshakeError(

@@ -1,4 +1,4 @@
-"""Connection to a ZeroMQ server with named endpoints. GR00T and Being-H use it with different message encodings."""
+"""Connection to a ZeroMQ server with named endpoints, as used by GR00T and Being-H with different message encodings."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from betterbench.policies.clients.request_client import RequestClient
 from betterbench.policies.conventions.handshake import read_declared
 
 ERROR_REPLY = b"ERROR"
-"""Reply with which these servers report a failed request without giving a reason."""
+"""Reply that the server sends if a request fails. It contains no reason."""
 
 
 class EndpointServer:
-    """Connection to a ZeroMQ server. It is created when the server has answered a ping.
+    """Connection to a ZeroMQ server with named endpoints. The constructor connects and does the handshake.
 
     Raises:
         OSError: If the server cannot be reached or is not ready.
-        HandshakeError: If the server rejects the token, uses another protocol, or declares conventions that differ from
-            the client's.
+        HandshakeError: If the server rejects the token, uses another protocol, or declares different conventions.
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
@@ -35,14 +34,14 @@ class EndpointServer:
             raise
 
     def _greet(self, end: float) -> None:
-        """Check that the server is alive and that its conventions are the expected ones.
+        """Do the handshake. Here, it consists of a ping; subclasses also compare conventions.
 
-        The check must be finished at the time ``end`` [s], as measured by ``time.monotonic``.
+        ``end`` is the deadline for the handshake [s], as measured by ``time.monotonic``.
         """
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a request that belongs to the handshake. Raises HandshakeError if the request fails."""
+        """Send a request of the handshake. Raises HandshakeError if the server reports an error."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
@@ -58,7 +57,7 @@ class EndpointServer:
         raise NotImplementedError
 
     def _check_frame(self, answer: bytes, endpoint: str) -> None:
-        """Raise PolicyError if a message must not be decoded."""
+        """Raise PolicyError if a message must not be decoded. Subclasses may override this check."""
 
     def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401 - as decoded
         """Decode the bytes of a message. Raises PolicyError if the message cannot be read."""
@@ -67,9 +66,9 @@ class EndpointServer:
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
         """Send a request to an endpoint and return the decoded answer, which must arrive within ``timeout_s`` [s].
 
-        If the server is asked to describe its model, set ``declares`` to True, which limits the length of the answer.
-        Raises OSError if no answer arrived, and PolicyError if the server reports an error or the answer cannot be
-        read.
+        Set ``declares`` to True if the answer describes the model. Such answers have stricter limits on size and
+        nesting. Raises OSError if no answer arrives, and PolicyError if the server reports an error or the answer
+        cannot be read.
         """
         question: dict[str, Any] = {"endpoint": endpoint}
         if data is not None:
@@ -90,5 +89,5 @@ class EndpointServer:
         return reply
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._client.close()

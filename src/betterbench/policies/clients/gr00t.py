@@ -1,20 +1,21 @@
 """Client for Isaac GR00T's inference server: ``gr00t://host:port``.
 
-The server uses ZeroMQ REQ/REP. Each request is a msgpack map with an endpoint, data for this endpoint, and a token if
-the server requires one. The server declares its modalities, which the client compares with the adapter whenever it
-connects. Source: Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
+The server uses ZeroMQ REQ/REP. Each request is a msgpack map with the name of an endpoint, the data for this endpoint
+and, if required, a token. The server declares its modalities (images, states and actions). The client compares them
+with the adapter each time it connects. Source: Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and
+``gr00t/eval/service.py`` (N1.5).
 
-A policy without an observation history answers the observations of many environments in one request
+A policy without an observation history can process the observations of many environments in one request
 (:class:`Gr00tBatchClient`). A policy that needs images or states from several time steps gets one client per
 environment. Such a client must receive every observation, so it executes the chunks itself and returns one action at a
 time.
 
-For real-time chunking (``rtc_overlap_steps``), the client sends the rest of the old chunk as ``observation.action``,
-and the numbers of overlapping and frozen steps as options. NVIDIA/Isaac-GR00T#520 (N1.6:
+For real-time chunking (``rtc_overlap_steps``), the client sends the unexecuted actions of the previous chunk as
+``observation.action``, and the numbers of overlapping and frozen steps as options. NVIDIA/Isaac-GR00T#520 (N1.6:
 ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of N1.7 (``gr00t/model/gr00t_n1d7``) expect
-this format. The policies in GR00T's main branch ignore both entries, and the client warns if it detects this.
+this format. The policies in GR00T's main branch ignore these entries. The client logs a warning if it detects this.
 
-Replies of N1.7 mark arrays and modalities in a different way from N1.6, but requests are the same.
+N1.6 and N1.7 use the same requests, but encode the arrays and modalities in their replies differently.
 
 Servers of the first N1.5 releases serialize messages with torch's pickle format. They are not supported, because
 unpickling an untrusted answer can run arbitrary code.
@@ -46,28 +47,33 @@ logger = logging.getLogger(__name__)
 RequestLayout = Literal["nested", "flat", "n1.5"]
 """Layout of an observation in a request.
 
-"nested": one map per modality (N1.6 and N1.7). "flat": one map with names such as ``video.front`` (N1.6 and N1.7 with
-the simulation wrapper). "n1.5": the flat map is the entire request data, without options (N1.5).
+"nested": one map per modality (N1.6 and N1.7). "flat": a single map with keys such as ``video.front`` (N1.6 and N1.7
+with the simulation wrapper). "n1.5": the same flat map, sent directly as the request data, without options (N1.5).
 """
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
-"""Arrays of one environment at one time step, each of shape (1, 1, ...), by modality and name."""
+"""Images and states of one environment at one time step, by modality and name. The first two axes of each array are
+batch and time, both of length 1.
+"""
 
 RAMP_RATE = 6.0
-"""Default rate at which the constraint on the overlapping actions of a new chunk decays, as in N1.6's action head."""
+"""Default value of ``Overlap.ramp_rate``, as in N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
-"""Deviation that is tolerated in an action that the new chunk should keep, relative to the largest action."""
+"""Tolerance for comparing the frozen actions of the old and the new chunk, relative to the largest action."""
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
-    "It is an old N1.5 server, which pickles with torch. This is not supported, because unpickling an untrusted "
-    "answer can run arbitrary code. Update Isaac-GR00T, whose servers use msgpack."
+    "The server is an old N1.5 release, which pickles its messages. This is not supported, because unpickling an "
+    "untrusted answer can run arbitrary code. Update Isaac-GR00T, whose newer servers use msgpack."
 )
 
 
 class Gr00tServer(EndpointServer):
-    """Connection to a GR00T server, which uses msgpack. The server's modalities are compared with the adapter."""
+    """Connection to a GR00T server. Messages are encoded with msgpack.
+
+    When the connection is opened, the server's modalities are compared with the adapter.
+    """
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
         self._adapter = adapter
@@ -124,7 +130,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return self._ask([self._seen(observation)], [observation])[0]
 
     def _seen(self, observation: Observation) -> Seen:
-        """Return the policy's inputs, taken from one observation."""
+        """Convert one observation to the images and states that the policy receives."""
         seen: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in SEEN}
         for key, image in self.adapter.images(observation).items():
             seen["video"][name_of(key)] = image[None, None]
@@ -176,8 +182,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             return {"observation": observation, "options": None}
         flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
         if self._layout == "n1.5":
-            # Nested, because N1.5 takes the first element of each entry, which would reduce a plain string to its first
-            # letter.
+            # N1.5 takes the first element of each entry, so a plain string would be reduced to its first letter.
             return {**flat, name: [[instruction] for instruction in instructions]}
         return {"observation": {**flat, name: instructions}, "options": None}
 
@@ -228,7 +233,7 @@ class Gr00tBatchClient(Gr00tClient):
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next action chunk of each of several environments. The chunks are requested together."""
+        """Return the next action chunk of each environment. A single request contains all observations."""
         return self._ask([self._seen(observation) for observation in observations], observations)
 
 
@@ -258,7 +263,7 @@ class Gr00tHistoryClient(Gr00tClient):
         self._chunk: list[np.ndarray] = []
 
     def reset(self, start: EpisodeStart) -> None:
-        """Clear the observations and actions of the last episode, also on the server if it has a reset endpoint."""
+        """Clear the observations and actions of the last episode. Reset the server too, if it has a reset endpoint."""
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
@@ -267,12 +272,12 @@ class Gr00tHistoryClient(Gr00tClient):
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action as an array (1, dim) float64.
 
-        A new chunk is requested when the last chunk has been executed.
+        The client requests a new chunk when all actions of the last chunk have been executed.
         """
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
-        # Keep one observation from before the oldest step, because it stands in if that step was not observed.
+        # Keep one observation from before the oldest required step, because it is used if that step was not observed.
         for step in sorted(s for s in self._frames if s < oldest)[:-1]:
             del self._frames[step]
         if not self._chunk:
@@ -287,7 +292,7 @@ class Gr00tHistoryClient(Gr00tClient):
         return self._chunk.pop(0)[None]
 
     def _frame(self, step: int) -> Seen:
-        """Return the latest observation made at or before a step. If there is none, return the first observation."""
+        """Return the latest observation at or before a step, or the first observation if the step precedes it."""
         before = [s for s in self._frames if s <= step]
         return self._frames[max(before) if before else min(self._frames)]
 
@@ -298,9 +303,9 @@ class Overlap:
 
     Attributes:
         steps: Number of control steps that both chunks cover.
-        frozen: Number of steps, at the beginning of the overlap, in which the new chunk keeps the actions of the old
+        frozen: Number of steps at the beginning of the overlap for which the new chunk repeats the actions of the old
             chunk.
-        ramp_rate: Rate at which the influence of the old chunk decays during the other steps of the overlap.
+        ramp_rate: Rate at which the influence of the old chunk decays during the remaining steps of the overlap.
     """
 
     steps: int
@@ -337,11 +342,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
     def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
-        wrong = (
-            ("chunks cannot be continued and averaged at the same time")
-            if self.info.execution.ensemble is not None
-            else ""
-        )
+        wrong = ("it cannot be combined with the option ensemble") if self.info.execution.ensemble is not None else ""
         wrong = (
             (f"requests with layout={self._layout} have no entry for the previous chunk")
             if self._layout != "nested"
@@ -356,14 +357,14 @@ class Gr00tOverlapClient(Gr00tClient):
         self._told = False
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode and discard the rest of the last chunk."""
+        """Begin an episode. The first chunk of the episode does not continue a previous chunk."""
         super().reset(start)
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action chunk as an array (horizon, dim) float64.
 
-        The request contains the rest of the last chunk.
+        The request contains the unexecuted actions of the last chunk.
         """
         more, options = self._continuation(observation.step)
         arrays = self._answer([self._seen(observation)], [observation], more, options)
@@ -373,9 +374,9 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the entries and options of a request for a new chunk that continues the last chunk.
+        """Return the additional observation entries and the options for a chunk that continues the last chunk.
 
-        The entries are added to the observation. Both are empty if too few actions of the last chunk are left.
+        Return ({}, None) if too few unexecuted actions of the last chunk remain.
         """
         if self._last is None:
             return {}, None
@@ -394,9 +395,9 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if the new chunk changes actions that the server should keep.
+        """Log a warning, once, if the new chunk differs from the old chunk in the frozen steps.
 
-        In that case, the server ignores real-time chunking.
+        A difference shows that the server ignores the options for real-time chunking.
         """
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
@@ -416,7 +417,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Connect to a GR00T server. The returned client answers batches if the policy needs no observation history."""
+    """Connect to a GR00T server. The client supports batches if the policy does not use an observation history."""
     overlap = Overlap.of(address, address.whole("ahead", 0))
     if overlap is not None:
         return Gr00tOverlapClient(address, overlap, seed=seed)
@@ -428,7 +429,7 @@ def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
 
 
 def _forget(server: Gr00tServer, timeout_s: float) -> None:
-    """Tell the server that a new episode begins. N1.5 servers have no endpoint for this, so their error is ignored."""
+    """Call the server's reset endpoint. The error of N1.5 servers, which lack this endpoint, is ignored."""
     try:
         server.call("reset", {"options": None}, timeout_s)
     except PolicyError as error:

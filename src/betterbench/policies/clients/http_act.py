@@ -1,8 +1,8 @@
 """Client for servers with ``POST /act`` (``http://host:port/act``), such as OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic.
 
-Each request uses a new connection, without a handshake. Most of these servers do not declare their inputs and outputs,
-so the policy address must name a preset or an adapter. Only Dexbotic's server
-(:mod:`betterbench.policies.clients.dexbotic`) declares its images and action size, which the client compares with the
+Each request uses a new connection, and there is no handshake. Most of these servers do not declare their inputs and
+outputs, so the policy address must name a preset or an adapter. Only Dexbotic's server
+(:mod:`betterbench.policies.clients.dexbotic`) declares its images and action size. The client compares them with the
 adapter. Source: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
 """
 
@@ -49,13 +49,13 @@ class HttpAnswer:
 
 
 class HttpServer:
-    """HTTP server, with the headers that each request to the server needs.
+    """Client side of an HTTP server: its host and port, and the headers for requests.
 
     Each request opens a new connection, as the original clients of these servers do.
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
-        """Store the settings, and check that the server accepts connections. Raises OSError if it does not."""
+        """Store the settings and check that the server accepts connections. Raises OSError if it does not."""
         self._host, self._port = address.server()
         encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
         self._tls = ssl.create_default_context() if encrypted else None
@@ -67,10 +67,7 @@ class HttpServer:
         socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
 
     def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
-        """Send a POST request and return the answer (see :meth:`ask`).
-
-        The default path is the path in the policy address.
-        """
+        """Send a POST request, by default to the path in the policy address. Return the answer (see :meth:`ask`)."""
         return self.ask("POST", path or self._path, body, timeout_s, kind=kind)
 
     def ask(self, method: str, path: str, body: bytes, timeout_s: float, *, kind: str = JSON) -> HttpAnswer:
@@ -108,7 +105,7 @@ class HttpServer:
 
 
 class _Source(io.RawIOBase):
-    """Socket with one deadline for all reads, with the file methods that Python's HTTP parser calls."""
+    """Adapter that lets Python's HTTP parser read from a socket, with one deadline for all reads."""
 
     def __init__(self, connected: socket.socket, end: float) -> None:
         self._socket, self._end = connected, end
@@ -142,7 +139,7 @@ class HttpActClient(ServerClient[HttpServer]):
         self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
         self._capabilities: Mapping[str, Any] = {}
         self._first = True
-        self._last: tuple[int, np.ndarray] | None = None  # step and values of the last answer, to send back
+        self._last: tuple[int, np.ndarray] | None = None  # step and actions of the last answer
         self._connection.open()
         self.info = describe_remote_policy(address, self.adapter, self._capabilities, says_actions=False)
 
@@ -152,7 +149,7 @@ class HttpActClient(ServerClient[HttpServer]):
         self._first = True
         route = self._route
         if route is not None and route.reset:
-            # The answer is ignored, because most models have nothing to reset, and some servers lack this path.
+            # Errors are ignored, because most models have nothing to reset and some servers lack this endpoint.
             self._connection.request(
                 lambda server, timeout_s: server.post(b"{}", timeout_s, path=route.reset), replies=False
             )
@@ -185,9 +182,10 @@ class HttpActClient(ServerClient[HttpServer]):
         return actions
 
     def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
-        """Replace the beginning of the state in a request with the last executed action, if the adapter asks for this.
+        """Replace the first values of the state in a request with the last executed action.
 
-        If no action has been executed in this episode, the request remains unchanged.
+        The request remains unchanged if the adapter does not define ``feedback``, or if no action has been executed in
+        this episode.
         """
         feedback, last = self.adapter.feedback, self._last
         if feedback is None or last is None or step <= last[0]:
@@ -198,10 +196,10 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return the answer if its status is 200 (OK).
+        """Send a POST request and return the answer if its status is 200 (OK).
 
-        Raises HandshakeError if the server rejects or redirects the request, or if the path does not exist on the
-        server. Raises ConnectionError if another attempt may succeed, and PolicyError otherwise.
+        Raises HandshakeError if the server rejects or redirects the request, or if the path does not exist. Raises
+        ConnectionError for temporary errors, after which the request may be repeated, and PolicyError otherwise.
         """
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path

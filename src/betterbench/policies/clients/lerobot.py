@@ -1,14 +1,15 @@
-"""LeRobot policies that run in this process, with the address ``lerobot:CHECKPOINT`` (a folder or a hub id).
+"""LeRobot policies that run in this process. The policy address is ``lerobot:CHECKPOINT`` (a folder or a hub ID).
 
-The checkpoint declares the images, the state and the action size that were used in training. The adapter, which
-converts observations and actions, is derived from these declarations unless the address names an adapter. The
-checkpoint's own processors normalize the inputs and outputs.
+The checkpoint declares the images, the state and the action size of its training data. The adapter, which converts
+observations and actions, is derived from these declarations unless the address names an adapter. The checkpoint's own
+processors normalize the inputs and outputs.
 
-:mod:`betterbench.policies.clients.lerobot_types` lists the policy types and the packages they need. Policies that
-predict a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) accept batches, so one instance serves many
-environments. Each answer depends only on the observation of its own environment. This includes the noise from which
-flow policies generate actions. All other types (diffusion, VQ-BeT, TD-MPC and policies that remember observations) are
-called at every step and execute their chunks themselves, as in LeRobot's evaluation. Their instances share the weights.
+:mod:`betterbench.policies.clients.lerobot_types` lists the policy types and their requirements. Policies that predict a
+chunk from a single observation (ACT, pi0, pi0.5, SmolVLA) process batches, so one instance serves many environments.
+The actions for an environment do not depend on the other environments in the batch. To ensure this for flow policies,
+their initial noise is seeded with the observation. All other types (diffusion, VQ-BeT, TD-MPC and policies with an
+observation history) are called at every step and execute their chunks themselves, as in LeRobot's evaluation. Each
+environment needs its own instance, but all instances share the weights.
 """
 
 from __future__ import annotations
@@ -39,14 +40,14 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""State layouts of betterbench's LeRobot environment.
+"""Parts of the state vector for each value of the option ``state``, as in betterbench's LeRobot environment.
 
-If actions are motor positions, the state contains motor positions in the same units.
+If the actions are motor positions, a third layout, "motors", contains the motor positions in the same units.
 """
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""Camera for each image name that LeRobot's LIBERO data sets use."""
+"""Name of betterbench's camera, by the name of the image in LeRobot's LIBERO data sets."""
 
 _MOST_SHOWN = 12
 """Maximum number of differences listed in one message."""
@@ -55,13 +56,13 @@ _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """LeRobot policy that predicts complete chunks. One instance serves many environments."""
+    """LeRobot policy that predicts an action chunk from a single observation. One instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
-        # An adapter that the address names is used as it is.
+        # Derive an adapter from the checkpoint unless the address names one.
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
@@ -82,7 +83,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return how chunks are executed: as the policy address requests or, by default, as in LeRobot's evaluation."""
+        """Return the settings for executing chunks. By default, chunks are executed as in LeRobot's evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
@@ -103,7 +104,7 @@ class LerobotPolicy(AdaptedPolicy):
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next action chunk of each of several environments."""
+        """Return the next action chunk of each environment, each (horizon, dim) float64."""
         noisy = self._checkpoint.type in NOISE_TYPES
         seeds = [seed_of(seen) for seen in observations] if noisy else []
         chunks = self._checkpoint.chunks(self._batch(observations), seeds)
@@ -112,7 +113,7 @@ class LerobotPolicy(AdaptedPolicy):
         ]
 
     def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Return the input for LeRobot's processors, as tensors with a leading batch axis and the instructions."""
+        """Return the input for LeRobot's processors: tensors with a leading batch axis, and a list of instructions."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
         shown = [self.adapter.images(seen) for seen in observations]
@@ -127,9 +128,9 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """LeRobot policy that remembers earlier observations.
+    """LeRobot policy that is called at every step, for example because it uses an observation history.
 
-    Each environment has its own instance, and all instances share the weights.
+    Each environment needs its own instance. All instances share the weights.
     """
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
@@ -146,7 +147,10 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Clear the memory for a new episode. Raises HandshakeError if the episode uses a different action space."""
+        """Clear the observation history and the queued actions for a new episode.
+
+        Raises HandshakeError if the episode uses a different action space.
+        """
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.episode
@@ -159,10 +163,11 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Load the policy of a LeRobot checkpoint. It supports batches if it predicts chunks from single observations.
+    """Load the policy of a LeRobot checkpoint.
 
-    Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter that the
-    address names does not match the checkpoint.
+    The policy supports batches if it predicts an action chunk from a single observation. Raises the errors of
+    :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the address names an adapter that does not
+    match the checkpoint.
     """
     checkpoint = load_checkpoint(address)
     remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
@@ -172,11 +177,14 @@ def load_lerobot(address: PolicyAddress) -> Policy:
 
 
 def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
-    """Derive the adapter from a checkpoint and from the options state, action_space and camera.KEY of a policy address.
+    """Derive an adapter from the features of a checkpoint.
+
+    The options ``state``, ``action_space`` and ``camera.KEY`` of the policy address set conventions that the checkpoint
+    does not declare.
 
     Raises:
-        InvalidInputError: If a convention is still unknown. The message names the option that sets it.
-        UnknownNameError: If an option has a value that does not exist.
+        InvalidInputError: If a convention is unknown. The message names the option that sets the convention.
+        UnknownNameError: If the value of an option is not one of the allowed names.
     """
     where = f"policy {address}"
     answer = _answer(address, features, where)
@@ -215,7 +223,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
 
 def compare_features(adapter: Adapter, features: Features, where: str) -> None:
-    """Raise a HandshakeError if an adapter and a checkpoint declare different features.
+    """Raise a HandshakeError if an adapter does not provide the inputs and actions that a checkpoint declares.
 
     The message lists the differences.
     """
@@ -230,7 +238,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
     }
     found = [
-        f"{one_line(key, most=100)}: the checkpoint says {wanted.get(key, 'nothing')}, "
+        f"{one_line(key, most=100)}: the checkpoint declares {wanted.get(key, 'nothing')}, "
         f"the adapter {given.get(key, 'nothing')}"
         for key in sorted({*wanted, *given})
         if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))
@@ -245,10 +253,10 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
 
 
 def seed_of(observation: Observation, salt: int = 0) -> int:
-    """Return a random seed computed from one observation.
+    """Compute a random seed from an observation.
 
-    The seed does not depend on the other observations in a batch. ``salt`` makes the seeds of different episodes differ
-    even if their observations are equal.
+    The seed does not depend on the other observations in a batch, so the actions do not either. Pass a different
+    ``salt`` in each episode, so that equal observations in different episodes have different seeds.
     """
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
@@ -260,7 +268,7 @@ def seed_of(observation: Observation, salt: int = 0) -> int:
 
 
 def _camera(key: str, address: PolicyAddress, where: str) -> str:
-    """Return the name of the camera whose image is used for an image input of the checkpoint."""
+    """Return the name of the betterbench camera for an image input of the checkpoint."""
     given = address.options.get(f"camera.{key}")
     if given is not None:
         return given
@@ -280,9 +288,9 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
 
 
 def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
-    """Return the rule that converts the policy's answers to actions.
+    """Return the rule that converts the policy's output to actions.
 
-    It has as many values as the checkpoint declares.
+    Raises InvalidInputError if the action space is neither given nor implied by the action size of the checkpoint.
     """
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"

@@ -1,4 +1,4 @@
-"""LeRobot's policy types, and the packages besides LeRobot that each type needs.
+"""LeRobot policy types and the additional Python packages that each type requires.
 
 Sources: ``pyproject.toml`` and ``src/lerobot/policies/factory.py`` in LeRobot 0.4.4 and 0.6.
 """
@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """Modules that a policy type needs, and the LeRobot extra that installs them."""
+    """Python modules that a policy type requires, and the LeRobot extra that installs them."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()
@@ -44,24 +44,26 @@ POLICY_TYPES: Mapping[str, Needs] = {
     "vla_jepa": Needs("vla_jepa", ("transformers", "diffusers", "qwen_vl_utils")),
     "lingbot_va": Needs("lingbot_va", ("transformers", "diffusers", "accelerate")),
 }
-"""Requirements of each policy type. Which types are available depends on the installed release of LeRobot."""
+"""Requirements of each policy type. Not every LeRobot release supports all of these types."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
-"""Reward models of LeRobot, which are listed among its policies but do not return actions."""
+"""LeRobot types that are registered as policies but predict rewards instead of actions."""
 
 
 def require_type(kind: str, known: Collection[str], where: str) -> None:
-    """Check that the installed LeRobot can load a policy type. The check comes before large files are read.
+    """Check that the installed LeRobot release can load a policy type.
+
+    Call this function before reading the weights, so that an unsupported checkpoint is rejected immediately.
 
     Args:
-        kind: Policy type that the checkpoint names.
-        known: Policy types that the installed LeRobot knows, including plugins.
-        where: Name of the checkpoint, as shown in messages.
+        kind: Policy type in the configuration of the checkpoint.
+        known: Policy types registered in the installed LeRobot, including plugins.
+        where: Name of the checkpoint for error messages.
 
     Raises:
-        InvalidInputError: If the type is unknown, or is a reward model instead of a policy.
-        MissingDependencyError: If a package that the type needs is not installed. The message names the LeRobot extra
-            that installs the package.
+        InvalidInputError: If the type is unknown, or if it is a reward model instead of a policy.
+        MissingDependencyError: If a required package is not installed. The message names the LeRobot extra that
+            installs the package.
     """
     release = _release()
     if kind in REWARD_MODELS:
@@ -91,7 +93,7 @@ def _with_extra(kind: str) -> str:
 
 
 def _install(extra: str, release: str) -> str:
-    """Return the instruction to install a LeRobot extra. Not every release of LeRobot has all extras."""
+    """Return a message that explains how to install a LeRobot extra, even if the installed release lacks the extra."""
     try:
         offered = importlib.metadata.metadata("lerobot").get_all("Provides-Extra") or []
     except importlib.metadata.PackageNotFoundError:

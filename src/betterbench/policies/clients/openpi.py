@@ -1,19 +1,19 @@
 """Client for openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
-The server first sends a metadata map, and then answers each observation with an action. Both are binary frames. A text
-frame reports an error and ends the connection. The server needs no reset, because each observation is independent.
-Source: openpi's ``packages/openpi-client``.
+After a connection is opened, the server sends a metadata map. It then answers each observation with an action chunk.
+All of these messages are binary frames. A text frame reports an error and ends the connection. The protocol has no
+reset message, because the server treats each request independently. Source: openpi's ``packages/openpi-client``.
 
-Other servers with this protocol differ in details, which this client supports too. Arrays in answers may be marked in
-the format of msgpack-numpy. The client marks arrays in requests in this format if the server's metadata uses it or the
-option ``arrays=nd`` is set. vLLM-Omni (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) listens
-at a path, answers with a plain array of actions, and reports an error as a map with ``type`` "error". It distinguishes
-episodes by a ``session_id``, which the client sends if the metadata contains ``needs_session_id``.
+The client also supports two variants of this protocol. Some servers encode arrays in the msgpack-numpy format. The
+client uses this format for its requests if the server's metadata uses it, or if the option ``arrays=nd`` is set.
+vLLM-Omni (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) listens at a URL path, answers with a
+plain array of actions, and reports an error as a map with ``type`` "error". It distinguishes episodes by a
+``session_id``, which the client sends if the metadata contains ``needs_session_id``.
 
 openpi itself does not support real-time chunking. The fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
-and similar servers accept the rest of the old chunk as ``prev_action_chunk``, in the same units as their answers,
-together with ``inference_delay`` and ``execute_horizon``. The client sends these fields if the option ``delay=N`` is
-set.
+and similar servers do. They accept the unexecuted actions of the previous chunk as ``prev_action_chunk``, together with
+``inference_delay`` and ``execute_horizon``. These actions have the same units as the actions that the server returns.
+The client sends these fields if the option ``delay=N`` is set.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from betterbench.policies.protocols.wire import (
     marks_arrays_as_nd,
 )
 
-if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
+if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
@@ -92,8 +92,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             needs_images=wants if isinstance(wants, bool) else None,
             cameras=looks_at if isinstance(looks_at, list) else None,
         )
-        # If several sources set how chunks are executed, the address takes precedence over the server, and the server
-        # over the preset.
+        # Precedence of the settings for chunk execution: policy address, then server, then preset.
         told = read_execution(self._where, ours)
         if told is not None and not address.given(EXECUTION):
             info = replace(info, execution=told)
@@ -101,19 +100,18 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Measurements in the episode so far, by name: requests, retries, reconnects, and the server's time [s]."""
+        """Numbers of requests, retries and reconnects in this episode, and the server's total inference time [s]."""
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode. A server that needs a ``session_id`` gets a new one."""
+        """Begin an episode with a new ``session_id``."""
         super().reset(start)
         self._start, self._server_s, self._session, self._last = start, 0.0, _new_session(), None
 
     def name_trial(self, trial: TrialId) -> None:
-        """Store the trial that is about to begin.
+        """Set the trial of the next episode.
 
-        The trial is sent only to a server that declares its policy to be an expert, because such a server simulates the
-        client's scene.
+        The client sends the trial only to servers of an expert policy, which need it to simulate the same scene.
         """
         self._trial = trial
 
@@ -127,8 +125,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         def exchange(connection: WebSocket, timeout_s: float) -> object:
             end = time.monotonic() + timeout_s
-            # This protocol does not number messages, so an unread answer could be mistaken for the answer to this
-            # request.
+            # Messages have no sequence number, so an unread answer would be mistaken for the answer to this request.
             connection.refuse_unasked()
             connection.send(frame, timeout_s)
             answer = connection.receive(end - time.monotonic())
@@ -150,7 +147,7 @@ class OpenpiClient(ServerClient[WebSocket]):
     def _continuation(self, step: int) -> dict[str, Any]:
         """Return the request entries for real-time chunking.
 
-        The dict is empty if too few actions of the old chunk are left.
+        The dict is empty if fewer than ``delay`` unexecuted actions of the previous chunk remain.
         """
         if self._last is None or rows_left(*self._last, step=step) < self._delay:
             return {}
@@ -161,7 +158,7 @@ class OpenpiClient(ServerClient[WebSocket]):
     def _dial(self, timeout_s: float) -> WebSocket:
         """Connect, read the server's metadata and compare conventions.
 
-        This is also called after the server has restarted.
+        Called for the first connection and for each reconnection.
         """
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
@@ -176,8 +173,8 @@ class OpenpiClient(ServerClient[WebSocket]):
         """Compare the client's conventions with the server's. At the first handshake, also choose the adapter."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
-        read_execution(self._where, declared)  # malformed declarations are rejected at every handshake
-        # If the run itself serves the policy, the record contains the policy's own description, not that of a server.
+        read_execution(self._where, declared)  # raise an error if the server declares invalid execution settings
+        # True if the run itself serves the policy. Error messages then do not mention a server.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
@@ -187,7 +184,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # The server also supports this layout. The preset of the layout defines the number of action columns.
+            # The server accepts requests in the adapter's layout, so compare with this layout instead of its default.
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)

@@ -1,4 +1,4 @@
-"""Base classes for policies that use an adapter, and for policies that run on a server."""
+"""Base classes of policies with an adapter and of clients for policy servers."""
 
 from __future__ import annotations
 
@@ -29,14 +29,18 @@ def describe_remote_policy(
     cameras: Sequence[object] | None = None,
     says_actions: bool = True,
 ) -> PolicyInfo:
-    """Return the description of a policy on a server, which is stored with the run.
+    """Return the description of a policy on a server. The description is stored with the run.
 
-    ``needs_images`` is False if the server declares that the policy does not use images. If it is None, the policy
-    needs images if the adapter has any. The cameras that the adapter names are always rendered and sent. ``cameras``
-    are the cameras that the server declares, or None if the policy may use every camera. ``says_actions`` is False if
-    the server does not declare the format of its actions. If the address then names neither a preset nor an adapter,
-    the client has to assume conventions. They are stored in the metadata as "assumed" and are reported before the run
-    starts.
+    Args:
+        address: Address of the policy.
+        adapter: Adapter that converts observations and actions.
+        declared: Metadata that the server sends, stored as text.
+        needs_images: Whether the policy uses images, as declared by the server. With None, the policy needs images if
+            the adapter has image inputs. If the adapter names cameras, they are rendered in any case.
+        cameras: Cameras that the server declares, or None if the policy may use all cameras.
+        says_actions: Whether the server declares the format of its actions. If it does not, and the address names
+            neither a preset nor an adapter, the conventions of the default adapter are assumed. The assumption is
+            stored in the metadata as "assumed" and reported before the run starts.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
@@ -60,7 +64,7 @@ def describe_remote_policy(
 
 
 def plain_text(value: object) -> str:
-    """Convert a value that the server has declared to a text of limited length."""
+    """Convert a value from the server's metadata to printable text of limited length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except TypeError:  # a dict with keys that are not strings
@@ -68,7 +72,7 @@ def plain_text(value: object) -> str:
     whole = printable(text, most=_LONGEST_TEXT)
     if whole == text:
         return text
-    # The digest shows changes in the omitted or unprintable part of the text when a run is resumed.
+    # The digest reveals changes in the omitted part of the text when the metadata is compared later.
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{printable(text[:_LONGEST_TEXT], most=_LONGEST_TEXT)}... (sha256 {digest})"
 
@@ -83,20 +87,20 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
 
 
 class AdaptedPolicy:
-    """Policy with a fixed adapter. The conventions of the policy are compared with those of the run."""
+    """Policy that uses an adapter and can check its conventions against a run."""
 
     adapter: Adapter
     server: Declaration
     offered: Declaration | None = None
-    """Declaration of betterbench in the terms that the server uses, or None if the server uses betterbench's terms."""
+    """betterbench's conventions, written with the server's names for formats. None if both use the same names."""
 
     @property
     def _compared(self) -> Declaration:
-        """Conventions of the policy, in the form in which they are compared with those of a run."""
+        """Conventions of the policy that :meth:`check` compares with a run."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with those of the policy.
+        """Check that a run and the policy use the same conventions.
 
         Raises HandshakeError if they differ. The message quotes both values.
         """
@@ -105,7 +109,7 @@ class AdaptedPolicy:
         compare_declarations(ours, theirs)
         if space != adapter.answer.space:
             raise HandshakeError(
-                f"action space: the run says {space!r}, but {theirs.who} returns actions in {adapter.answer.space!r}. "
+                f"action space: the run uses {space!r}, but {theirs.who} returns actions in {adapter.answer.space!r}. "
                 f"{space_cure(adapter.answer.space)}."
             )
         rendered = {camera.name for camera in observation.cameras}
@@ -123,7 +127,7 @@ class AdaptedPolicy:
             )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(
-                f"control rate: the run says {rate_hz:g} Hz, but adapter {adapter.name} says "
+                f"control rate: the run uses {rate_hz:g} Hz, but adapter {adapter.name} requires "
                 f"{adapter.control_rate_hz:g} Hz. Correct control_rate_hz in the adapter."
             )
 
@@ -137,14 +141,14 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     info: PolicyInfo
     feeds_back = False
-    """Whether the client can send the policy's last answer back to the policy (see ``Feedback`` in
+    """Whether the client can include the last executed action in the state that it sends (see ``Feedback`` in
     :mod:`betterbench.policies.conventions.adapter`).
     """
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
-        """Store the settings. The subclass opens the connection as soon as it can compare conventions.
+        """Store the settings. The constructor of the subclass must open the connection.
 
-        ``seed`` determines the random part of the pauses between attempts to connect.
+        ``seed`` determines the random part of the pauses between connection attempts.
         """
         if adapter.feedback is not None and not self.feeds_back:
             raise address.error(
@@ -160,15 +164,15 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     def _dial(self, timeout_s: float) -> Connection:
         """Connect and compare conventions within the given time [s].
 
-        This is also called after the server has restarted.
+        Called for the first connection and for each reconnection.
         """
         raise NotImplementedError
 
     def _require_same(self, declared: Mapping[Any, Any]) -> None:
-        """Check that the server declares the same conventions as at the first connection.
+        """Check that the server declares the same values as at the first connection.
 
-        If a value has changed, raise HandshakeError with the old and the new value, because the run would otherwise mix
-        two checkpoints.
+        A changed value may mean that the server has loaded another checkpoint, and a run must not mix two checkpoints.
+        Raises HandshakeError with the old and the new value.
         """
         told = {str(name): plain_text(value) for name, value in declared.items()}
         before, self._declared = self._declared or told, self._declared or told
@@ -183,7 +187,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Measurements in the episode so far, by name: numbers of requests, retries and reconnects."""
+        """Numbers of requests, retries and reconnects in this episode, by name."""
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:

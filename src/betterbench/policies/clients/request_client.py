@@ -1,4 +1,4 @@
-"""ZeroMQ socket that sends a request and waits for the reply, but not longer than until a deadline."""
+"""ZeroMQ client that sends a request and waits for the reply until a deadline."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SETTLE_S = 0.002
 
 
 class RequestClient:
-    """ZeroMQ socket connected to one server. Like a REQ socket, it sends an empty frame followed by the request.
+    """ZeroMQ client connected to one server. It uses a DEALER socket but the message format of a REQ socket.
 
-    A REQ socket silently discards an unexpected reply, whereas this client raises an error. After an OSError, close the
-    client and create a new one, because a late reply could otherwise be mistaken for the answer to the next request.
+    In contrast to a REQ socket, the client raises an error if it receives an unexpected reply. After an OSError, close
+    the client and create a new one. Otherwise, a late reply could be mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect to the server. Raise OSError if no server listens, which ZeroMQ itself would not report."""
+        """Connect to the server. Raises OSError if no server listens at the port, which ZeroMQ would not report."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
@@ -38,7 +38,7 @@ class RequestClient:
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         self._socket.setsockopt(zmq.IPV6, int(":" in host))
-        # Report immediately that the server is gone. ZeroMQ would only let the request reach its deadline.
+        # The monitor reports a disconnection immediately. Without it, the request would wait until its deadline.
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._answered_at = 0.0
         self._poller = zmq.Poller()
@@ -51,16 +51,16 @@ class RequestClient:
             raise ConnectionError(f"{self.where}: {error}") from error
 
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
-        """Send a request and return the answer. The request and the answer are one frame each.
+        """Send a request of one frame and return the answer, which must also be one frame.
 
-        Raises OSError if no answer arrived in time, or if the server disconnected or sent an unexpected message. Raises
-        PolicyError if the answer is not a single frame.
+        Raises OSError if no answer arrives in time, or if the server disconnects or sends an unexpected message. Raises
+        PolicyError if the answer does not consist of one frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                # A second answer to the last request that has not been read would be mistaken for the answer to this
-                # one.
+                # If the server has sent a second answer to the last request, it would be mistaken for the answer to
+                # this request.
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
                     raise ConnectionError("the server sent an unexpected answer")
@@ -87,7 +87,7 @@ class RequestClient:
             if self._ended.is_set():
                 raise ConnectionError("the connection was closed on this side")
             if self._monitor in ready:
-                # ZeroMQ closes the connection if an answer is too large, without saying why.
+                # ZeroMQ also closes the connection if an answer is too large, and gives no reason.
                 raise ConnectionError(
                     f"the server closed the connection, or its answer exceeds {MAX_FRAME_BYTES} bytes"
                 )
@@ -95,10 +95,10 @@ class RequestClient:
                 raise TimeoutError(f"no answer within {timeout_s:.3g} s")
 
     def close(self) -> None:
-        """Close the socket. It may be closed more than once.
+        """Close the socket. Further calls have no effect.
 
-        A socket belongs to one thread at a time. If another thread is waiting for an answer, that thread stops waiting
-        and closes the socket.
+        ZeroMQ sockets are not thread-safe. If another thread is waiting for an answer, that thread stops waiting and
+        closes the socket.
         """
         self._ended.set()
         if self._busy.acquire(timeout=10.0 * _GLANCE_S):

@@ -1,9 +1,9 @@
 """Client for starVLA's websocket server: ``starvla://host:port``.
 
-The server first sends a metadata map. It then answers each request (a map with type, identifier and payload) with a map
-that has the same identifier. A text frame reports an error and ends the connection. The payload contains a list of
-examples, so one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
-``deployment/model_server``.
+After a connection is opened, the server sends a metadata map. A request is a map with a type, an identifier and a
+payload, and the answer has the same identifier. A text frame reports an error and ends the connection. The payload is a
+list of examples, so one request can contain the observations of many environments. Arrays are encoded as in openpi's
+variant of msgpack. Source: starVLA, ``deployment/model_server``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 ExampleLayout = Literal["payload", "flat"]
 """Layout of a request.
 
-"payload": the examples are in the payload. "flat": they are next to the type, as the first servers expect.
+"payload": the examples are an entry of the payload. "flat": the examples are at the top level of the request, as the
+first starVLA servers expect.
 """
 
 _IMAGES = "image"
@@ -61,7 +62,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next action chunk of each of several environments. The chunks are requested together."""
+        """Return the next action chunk of each environment. A single request contains all observations."""
         payload: dict[str, Any] = {"examples": [self._example(observation) for observation in observations]}
         for constant in self.adapter.constants:
             set_entry(payload, constant.key, constant.value)
@@ -73,7 +74,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         ]
 
     def _example(self, observation: Observation) -> dict[str, Any]:
-        """Return one example of a request, with a list of images in the adapter's order and each state as (1, size)."""
+        """Return one example: a list of images in the order of the adapter, and each state as an array (1, size)."""
         message = replace(self.adapter, constants=()).request(observation)
         images = message.get(_IMAGES)
         if isinstance(images, Mapping):
@@ -87,7 +88,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return message
 
     def _infer(self, connection: WebSocket, payload: Mapping[str, Any], timeout_s: float) -> Mapping[Any, Any]:
-        """Send one request and return the data in the answer to it."""
+        """Send one request and return the data in the answer. Late answers to earlier requests are skipped."""
         end = time.monotonic() + timeout_s
         self._sequence += 1
         identifier = f"betterbench-{self._sequence}"
@@ -116,7 +117,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return data
 
     def _samples(self, data: Mapping[Any, Any], count: int) -> list[dict[str, Any]]:
-        """Split the arrays of an answer by example. Return one dict of arrays per example."""
+        """Split the batched arrays of an answer. Return one dict of arrays (horizon, dim) per environment."""
         names = dict.fromkeys(key[0] for key in self.adapter.answer.columns)
         if "normalized_actions" in data and not all(name in data for name in names):
             raise PolicyError(
@@ -138,10 +139,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return [{name: array[i] for name, array in arrays.items()} for i in range(count)]
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, and check that the server sends the same metadata as at the first connection.
-
-        This is also called after the server has restarted.
-        """
+        """Connect, and check that the server sends the same metadata as at the first connection."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
         with connection.greeting("it accepted the connection but sent no metadata and may not be a starVLA server"):

@@ -1,8 +1,9 @@
 """Client for vla-evaluation-harness (``vla-eval://host:port``), which serves about twenty model families.
 
-A message is a map with a type, a payload, a sequence number and a time. Both sides first send a hello. The client then
-starts an episode, the server answers every observation with an action that has the same sequence number, and the client
-ends the episode. Source: ``vla_eval/protocol`` and ``vla_eval/model_servers/serve.py`` of the package vla-eval.
+A message is a map with a type, a payload, a sequence number and a timestamp. Client and server first exchange hello
+messages, which declare their conventions. The client sends a message at the start and at the end of each episode. The
+server answers each observation with an action that has the same sequence number. Source: ``vla_eval/protocol`` and
+``vla_eval/model_servers/serve.py`` of the package vla-eval.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats in which only the sign counts. They are read as a fraction with the threshold 0."""
+"""Gripper formats in which only the sign of the value matters. The adapter reads them with the threshold 0."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -94,7 +95,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     def reset(self, start: EpisodeStart) -> None:
         """End the last episode and begin a new one.
 
-        The server is told only the instruction, not the trial.
+        The server receives only the instruction, not the trial.
         """
         super().reset(start)
         self._end_episode()
@@ -108,7 +109,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
             if self._running_on is not connection and self._start is not None:
-                # This connection was opened after the episode had begun, so the server does not know the episode yet.
+                # The client has reconnected during the episode, so the server must be informed about the episode again.
                 self._begin_episode(connection, timeout_s)
             sent = self._send(connection, "observation", payload, timeout_s)
             return self._reply(connection, sent, end)
@@ -119,7 +120,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """Empty declaration, because the handshake already compares the server's declaration with the adapter."""
+        """Empty declaration, because the conventions have already been compared in the handshake."""
         return Declaration(self._where)
 
     def close(self) -> None:
@@ -128,7 +129,10 @@ class VlaEvalClient(ServerClient[WebSocket]):
         super().close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, exchange hellos and compare conventions. This is also called after the server has restarted."""
+        """Connect, exchange hello messages and compare conventions.
+
+        Called for the first connection and for each reconnection.
+        """
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         said = {
@@ -144,7 +148,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, hello: Mapping[Any, Any]) -> None:
-        """Adapt the client's adapter to what the server requests in its hello message, and compare the conventions."""
+        """Remove the inputs that the server does not request from the adapter, and compare conventions."""
         version = hello.get("protocol_version")
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
@@ -164,7 +168,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         self._running_on = connection
 
     def _end_episode(self) -> None:
-        """Tell a connected server that the episode has ended, without revealing whether it succeeded."""
+        """Notify a connected server that the episode has ended. The message does not contain the result."""
         connection, self._running_on = self._running_on, None
         if connection is None or not self._connection.holds(connection):
             return
@@ -207,12 +211,12 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
-    """Return the adapter without the entries that the server does not request.
+    """Return the adapter without the inputs that the server does not request.
 
     The harness sends the image of the wrist camera and the robot state only to servers that request them, either with
-    ``observation_params`` or with a component in ``observation_spec``. Some servers use every entry that they receive,
-    so this client sends only the requested entries. If the address names the adapter, the client sends all entries
-    except those that the server declines.
+    ``observation_params`` or with a component in ``observation_spec``. Some servers use every input that they receive,
+    so this client sends only the requested inputs. If the policy address names the adapter (``chosen``), the client
+    sends all inputs of the adapter except those that ``observation_params`` explicitly disables.
 
     Raises:
         HandshakeError: If the server's specs are malformed, or if the server returns absolute actions but the adapter
@@ -242,20 +246,20 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 
 
 def _unshortened(rule: StateRule) -> StateRule:
-    """Return a rule that computes the rotation vector in a state as robosuite does.
+    """Return a state rule whose rotation vector may be longer than pi, as in robosuite.
 
-    Servers that declare ``quat_no_antipodal`` expect this.
+    Servers that declare ``quat_no_antipodal`` expect this format.
     """
     parts: list[StatePart] = ["ee_axis_angle" if part == "ee_axis_angle_short" else part for part in rule.parts]
     return replace(rule, parts=tuple(parts))
 
 
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
-    """Return the conventions that the server and the adapter declare, translated to common terms.
+    """Return the conventions of the server and of the adapter, with common names for the formats.
 
-    As in the harness, the format ``raw`` declares nothing. Ranges are not compared, because the harness's own constant
-    for rotation vectors allows ±3.15 although the numbers are scaled to ±1. The number of images is compared, but not
-    their names, because servers use the images in the order in which they are sent.
+    As in the harness, a component with the format ``raw`` is not compared. Value ranges are not compared either,
+    because the harness declares ±3.15 for rotation vectors, although the values are scaled to ±1. The number of
+    images is compared, but not their names, because servers use the images in the order in which they are sent.
 
     Raises:
         HandshakeError: If the server's specs are malformed, or if the server returns joint positions but the adapter
@@ -271,8 +275,8 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
             "Add adapter=FILE with an adapter that reads joints, and use --action-space with the same action space."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
-    # If both sides accept a common format, both are declared with the name of that format. Otherwise, each side keeps
-    # its own.
+    # If the adapter supports the server's format, declare it under the server's name, so that the comparison succeeds.
+    # Otherwise, declare the adapter's own format.
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
@@ -304,10 +308,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """Component of an observation or action, as the server or the client declares it.
-
-    It consists of the component's format and of other formats that are accepted.
-    """
+    """Declared format of one component of an observation or action, and the other formats that are accepted."""
 
     format: str | None
     accepts: tuple[str, ...]

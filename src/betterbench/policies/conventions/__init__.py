@@ -1,4 +1,4 @@
-"""Conversion between policies and betterbench: translation of observations and actions, and the server handshake.
+"""Input and output conventions of policies: conversion of observations and actions, and the handshake with servers.
 
-``presets`` lists the conventions of known checkpoints. ``adapter`` applies the conventions to observations and actions.
+``presets`` defines the conventions of known checkpoints, and ``adapter`` converts observations and actions accordingly.
 """

@@ -1,6 +1,6 @@
 """Adapters, which convert observations to a policy's inputs and a policy's answers to actions.
 
-They are stored as data.
+An adapter consists of data only, so users can write one as a JSON file.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
+if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
-"""Width of a fully open Franka gripper [m]."""
+"""Opening width of a fully open Franka gripper [m]."""
 
 
 @strict_form
@@ -37,7 +37,7 @@ class InstructionRule:
         key: Path of the instruction in the request.
         depth: Nesting of the instruction: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists
             (batch, time).
-        template: Sentence template used in the training data. ``{}`` stands for the instruction.
+        template: Prompt template of the training data, in which ``{}`` is replaced by the instruction.
     """
 
     key: tuple[str, ...]
@@ -45,7 +45,7 @@ class InstructionRule:
     template: str = "{}"
 
     def __post_init__(self) -> None:
-        """Check that the template contains ``{}`` once."""
+        """Check that the template contains ``{}`` exactly once."""
         if self.template.count("{}") != 1:
             raise InvalidInputError(
                 f"instruction {'/'.join(self.key)}: template",
@@ -54,14 +54,11 @@ class InstructionRule:
             )
 
     def write(self, instruction: str) -> str:
-        """Return the text that is sent for an instruction."""
+        """Insert an instruction into the template."""
         return self.template.replace("{}", instruction)
 
     def read(self, text: str) -> str:
-        """Return the instruction from which a text was made.
-
-        If the text does not match the template, return the text.
-        """
+        """Extract the instruction from a text. If the text does not match the template, return the text unchanged."""
         before, _, after = self.template.partition("{}")
         follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
         return text[len(before) : len(text) - len(after)] if follows else text
@@ -70,12 +67,12 @@ class InstructionRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ConstantRule:
-    """Entry that has the same value in every request, such as the name of a normalization.
+    """Request entry with a constant value, such as the name of the normalization statistics.
 
     Attributes:
         key: Path of the entry in the request.
-        value: Value to send. If it is None, there is no safe default, so the policy address must set the value
-            (``send.KEY=``).
+        value: Value of the entry. With None, there is no safe default, and the policy address must set the value with
+            ``send.KEY=VALUE``.
     """
 
     key: tuple[str, ...]
@@ -85,10 +82,7 @@ class ConstantRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DepthRule:
-    """Depth image among a policy's inputs, (height, width) float32 [m].
-
-    The image has the size with which the camera is rendered.
-    """
+    """Depth image that a policy uses as input, (height, width) float32 [m]. It is not resized."""
 
     key: tuple[str, ...]
     camera: str
@@ -97,12 +91,14 @@ class DepthRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """State whose first values are replaced by the policy's own last answer, from the second request on.
+    """Rule that replaces the first values of a state input by the last executed action.
+
+    The first request of an episode contains the measured state.
 
     Attributes:
         state_key: Path of the state in the request.
-        answer_key: Path of the answer in the reply.
-        size: Number of values that are replaced. The new values come from the row of the answer that was executed last.
+        answer_key: Path of the action array in the reply.
+        size: Number of values that are replaced. The new values are the first values of the last executed action.
     """
 
     state_key: tuple[str, ...]
@@ -113,32 +109,34 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Description of the conversion of observations to a policy's inputs and of the policy's answers to actions.
+    """Conversion of observations to the inputs of a policy, and of the policy's answers to actions.
 
-    The server normalizes inputs and outputs with the statistics of the training data.
+    An adapter does not normalize values. The policy server normalizes inputs and outputs itself.
 
     Attributes:
-        name: Name of the adapter, as shown in messages.
-        views: Images that the policy gets.
-        states: States that the policy gets.
+        name: Name of the adapter for messages.
+        views: Image inputs of the policy.
+        states: State inputs of the policy.
         instruction: Format of the instruction.
         answer: Rule that converts answers to actions.
-        leading_axes: Number of leading axes of length 1 that images and states have: 1 for a batch, 2 for batch and
-            time.
+        leading_axes: Number of leading axes of length 1 that are added to images and states: 1 for a batch axis, 2 for
+            batch and time axes.
         ee_offset_m: Offset that is added to the end-effector position in the robot's base frame [m], for a policy whose
             positions have a different origin. For policies that use the world frame of LIBERO's table scenes, it is
             (-0.66, 0, 0.912) m.
         tool_offset_m: Position of the policy's tool point in betterbench's tool frame [m]. It is used for positions in
             states and for absolute poses, whereas deltas are applied at betterbench's tool point. LIBERO's tool point
-            is 6.4 mm nearer to the hand, at (0, 0, -0.0064) m.
-        gripper_opening_m: Width of a fully open gripper [m].
+            is 6.4 mm closer to the hand, at (0, 0, -0.0064) m.
+        gripper_opening_m: Opening width of a fully open gripper [m].
         control_rate_hz: Control rate for which the policy was trained [Hz].
-        episode_key: Path under which betterbench's own servers receive the start of the episode, or None.
-        constants: Entries that are the same in every request.
-        depths: Depth images that the policy gets. The run must render them (``--observation calvin_depth``). GR00T does
-            not use them.
-        feedback: State that contains the policy's last answer, or None. Only servers with ``POST /act`` use it.
-        horizon: Default number of actions executed per chunk, as in the policy's own client. None means all actions.
+        episode_key: Path of the episode information in requests to betterbench's own servers, or None.
+        constants: Request entries with constant values.
+        depths: Depth images that the policy uses as inputs. The run must render them (``--observation calvin_depth``).
+            GR00T does not use them.
+        feedback: Rule that includes the last executed action in a state, or None. Only servers with ``POST /act`` use
+            it.
+        horizon: Default execution horizon, i.e. number of actions executed per chunk, as in the policy's own client.
+            With None, the complete chunk is executed.
     """
 
     name: str
@@ -158,7 +156,7 @@ class Adapter:
     depths: tuple[DepthRule, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the keys, the numbers and the feedback rule."""
+        """Check that keys are unique, values are in range, and the feedback rule matches the state and the answer."""
         if self.feedback is not None:
             sizes = {rule.key: rule.size for rule in self.states}
             columns = self.answer.columns
@@ -204,11 +202,11 @@ class Adapter:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras that the policy needs, each listed once. ``*`` stands for all cameras."""
+        """Names of the required cameras, without duplicates. ``*`` means all cameras."""
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the policy's image inputs, each (height, width, 3) uint8, by their path in the request.
+        """Return the policy's image inputs, each (height, width, 3) uint8, by path in the request.
 
         Raises PolicyError if the run does not render a required camera.
         """
@@ -226,10 +224,7 @@ class Adapter:
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return a state input of the policy as an array (size,) with the number type that the rule requires.
-
-        If the rule describes a scalar, return a number.
-        """
+        """Return a state input of the policy as an array (size,) of type ``rule.dtype``, or a number for a scalar."""
         return rule.read(
             observation,
             ee_offset_m=self.ee_offset_m,
@@ -240,10 +235,10 @@ class Adapter:
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
-        """Return the request that asks the policy for actions. Keys that consist of several names become nested maps.
+        """Convert an observation to a request. Keys that consist of several names become nested maps.
 
-        ``trial`` is sent only to a server that runs a shadow simulation (a served expert), and ``start`` only if the
-        adapter has an ``episode_key``. Raises PolicyError if the run does not render a required camera.
+        If the adapter has an ``episode_key``, the request contains ``start`` and, for servers that run a shadow
+        simulation (served experts), ``trial``. Raises PolicyError if the run does not render a required camera.
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
@@ -274,7 +269,7 @@ class Adapter:
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
         """Convert a reply to actions, (horizon, dim) float64 in the action space ``answer.space``.
 
-        Raises PolicyError if the reply cannot be read. The message quotes the key and the value.
+        Raises PolicyError if the reply is malformed. The message names the key and describes the value.
         """
         if not isinstance(reply, Mapping):
             raise PolicyError(f"expected a map with actions as the reply, got {type(reply).__name__}.")
@@ -287,10 +282,10 @@ class Adapter:
         )
 
     def named(self, reply: object, who: str) -> Mapping[Any, Any]:
-        """Return a policy's reply as a map.
+        """Convert a policy's reply to a map.
 
-        If the reply is not a map, return a map with the key under which actions are expected and the reply as its
-        value. Raises PolicyError if the reply is not a map although actions are expected under several keys.
+        Some servers return a bare array of actions. It becomes a map with the adapter's answer key. Raises PolicyError
+        if the reply is not a map but the adapter expects several keys.
         """
         if isinstance(reply, Mapping):
             return reply
@@ -301,7 +296,7 @@ class Adapter:
         return {keys[0][0]: reply}
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
-        """Convert actions to the reply that a policy with this adapter would send."""
+        """Convert actions to a reply in the format of this adapter. This method is the inverse of :meth:`actions`."""
         message: dict[str, Any] = {}
         written = self.answer.write(
             actions,
@@ -315,9 +310,10 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return a copy of the adapter in which the images under the given keys come from other cameras.
+        """Return a copy of the adapter with other cameras for some image inputs.
 
-        The names in a nested key are joined by "/". Raises UnknownNameError if the adapter has no such key.
+        ``cameras`` maps the key of an image input to the name of a camera. The names in a nested key are joined by "/".
+        Raises UnknownNameError if the adapter has no image input with a given key.
         """
         known = {"/".join(rule.key): rule for rule in self.views}
         for key in cameras:
@@ -343,14 +339,14 @@ class Adapter:
     def to_json(self) -> dict[str, Any]:
         """Return the adapter as a JSON-serializable dict that includes all defaults.
 
-        A key that consists of one name is written as a string, and a longer key as a list of names.
+        Keys that consist of one name are written as strings, and all other keys as lists of names.
         """
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
-        """Parse an adapter given as JSON.
+        """Create an adapter from a JSON value. ``where`` is its name for error messages.
 
         Raises InvalidInputError if a field is missing, unknown or malformed, and UnknownNameError for an unknown action
         space.
@@ -359,9 +355,9 @@ class Adapter:
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file.
+        """Read an adapter from a JSON file. The default name of the adapter is the name of the file.
 
-        Raises InvalidInputError if the adapter cannot be read. The message names the field that is wrong.
+        Raises InvalidInputError if the file cannot be read or a field is invalid. The message names the field.
         """
         where = f"adapter {path}"
         form = read_form(
@@ -378,7 +374,7 @@ _KEYS = ("key", "episode_key", "state_key", "answer_key")
 
 
 def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
-    """Store a value in a message under a key, and create the nested maps that the key requires."""
+    """Store a value in a nested message, and create missing maps along the key."""
     *way, last = key
     for name in way:
         message = message.setdefault(name, {})
@@ -386,12 +382,12 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return JSON in which each key that consists of a single name is written as a string."""
+    """Replace each key that consists of a single name by a string."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return JSON in which each key is written as a list of names."""
+    """Replace each key that is a string by a list with one name."""
     return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
 
 

@@ -1,7 +1,4 @@
-"""Conversion of a policy's answer to actions.
-
-It depends on the answer's columns, units, frame and gripper convention.
-"""
+"""Conversion of a policy's answer to actions, according to its columns, units, frame and gripper convention."""
 
 from __future__ import annotations
 
@@ -39,10 +36,10 @@ AnswerKind = Literal[
     "gripper",
     "unused",
 ]
-"""Meaning of columns of an answer: a complete action in betterbench's format, or one part of an action.
+"""Meaning of a group of columns in an answer: a complete action in betterbench's format, or a part of an action.
 
-In an absolute pose, the translation is the position. A translation, or a rotation with three numbers, may be given axis
-by axis: ``rotation_x`` is the first number of the rotation format, that is the x component of a rotation vector or the
+For absolute poses, the translation is the position. A translation, or a rotation with three values, may be split into
+its axes: ``rotation_x`` is the first value of the rotation format, i.e. the x component of a rotation vector or the
 roll angle.
 """
 
@@ -58,11 +55,11 @@ Polarity = Literal[
 ]
 """Convention of the gripper value in an answer.
 
-``close_positive`` and ``open_positive`` use the sign of the number. In the other conventions, the number is a fraction,
-and 1 means closed or open as the name says. ``closed_fraction`` closes above the threshold and opens otherwise.
-``closed_at_least`` also closes at the threshold. ``open_fraction`` opens above the threshold and closes otherwise.
-``open_sign`` uses the sign of 1 - 2 g, where g is the number, so that exactly 0.5 leaves the gripper as it is.
-``closed_linear`` and ``open_linear`` convert g to 2 g - 1 and 1 - 2 g.
+``close_positive`` and ``open_positive`` use the sign of the value. In the other conventions, the value g is a fraction
+from 0 to 1, and 1 means closed (``closed_...``) or open (``open_...``). ``closed_fraction`` closes the gripper above
+the threshold and opens it otherwise. ``closed_at_least`` also closes it at the threshold. ``open_fraction`` opens it
+above the threshold and closes it otherwise. ``open_sign`` uses the sign of 1 - 2 g, so the gripper does not move at
+0.5. ``closed_linear`` and ``open_linear`` convert g to the gripper commands 2 g - 1 and 1 - 2 g.
 """
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
@@ -71,7 +68,7 @@ _OPENS_POSITIVE = frozenset(name for name in WORLD_ACTION_SPACES if name.startsw
 """Action spaces in which a positive gripper value opens the gripper."""
 
 _ADDS_ANGLES = ("calvin_relative", "calvin_delta")
-"""Action spaces in which a rotation consists of angles that are added to the angles of the last pose."""
+"""Action spaces in which the rotation is a vector of angles that are added to the angles of the last pose."""
 
 _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_relative": "rpy",
@@ -80,26 +77,25 @@ _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_absolute_quaternion": "quaternion_xyzw",
     "libero_absolute": "axis_angle",
 }
-"""Rotation formats of the action spaces that only LIBERO or CALVIN uses."""
+"""Rotation formats of the action spaces of LIBERO and CALVIN."""
 
 _OF_THE_SPACE: Any = None
-"""Marker for a convention that is taken from the action space."""
+"""Default value of the fields that are set to the convention of the action space."""
 
 _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
     "rotation": ("rotation_x", "rotation_y", "rotation_z"),
 }
-"""Parts of an answer that may be given axis by axis, with the names of the parts for the three axes."""
+"""Parts of an answer that may be split into axes, with the names of the parts for the three axes."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Consecutive columns of a policy's answer that form one quantity, such as a rotation.
+    """Consecutive columns of a policy's answer that contain one quantity, such as a rotation.
 
     Attributes:
-        key: Path of the array in the reply. If several parts have the same key, they are consecutive columns of one
-            array.
+        key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
         kind: Meaning of the columns.
         size: Number of columns. None means the standard number for this kind.
     """
@@ -112,26 +108,25 @@ class AnswerPart:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """Rule that converts a policy's answer to actions. It describes columns, frame, units and gripper convention.
+    """Rule that converts a policy's answer to actions, according to its columns, frame, units and gripper convention.
 
-    By default, the rotation format, the units and the gripper convention are those of the action space. For example,
-    the numbers in an answer for the action space ``calvin_relative`` are executed unchanged.
+    By default, the rotation format, the units and the gripper convention are taken from the action space. For example,
+    an answer in the action space ``calvin_relative`` is then executed unchanged.
 
     Attributes:
         space: Name of the action space.
         parts: Columns of the answer, in order.
         rotation: Format of rotations.
         frame: Frame in which deltas are given: the robot's base frame, or the frame of the tool at each step.
-        translation_unit_m: Translation that corresponds to a delta of 1 [m]. It is 0.05 with LIBERO's scaling, and 1 if
-            deltas are given in meters.
-        rotation_unit_rad: Rotation that corresponds to a delta of 1 in a rotation vector or angle [rad].
-        joint_unit_rad: Rotation of a joint that corresponds to a delta of 1 [rad].
-        step_rate_hz: Control rate of the training data [Hz] if deltas are treated as velocities and rescaled to the
-            run's control rate. None if each action is executed as one step at any control rate.
+        translation_unit_m: Translation per action unit [m]: 0.05 with LIBERO's scaling, and 1 if deltas are given in
+            meters.
+        rotation_unit_rad: Rotation per action unit in a rotation vector or angle [rad].
+        joint_unit_rad: Joint rotation per action unit [rad].
+        step_rate_hz: Control rate of the training data [Hz]. If it is set, deltas are treated as velocities and
+            rescaled to the control rate of the run. With None, deltas are not rescaled.
         gripper: Convention of the gripper value.
-        gripper_threshold: Value above which the gripper closes with the convention ``closed_fraction``, or opens with
-            the convention ``open_fraction``.
-        precision: Number type to which the policy's own client rounds an action before it is executed.
+        gripper_threshold: Threshold of the conventions ``closed_fraction``, ``closed_at_least`` and ``open_fraction``.
+        precision: Number type to which actions are rounded before execution, as in the policy's own client.
     """
 
     space: str = "ee_delta"
@@ -147,7 +142,7 @@ class AnswerRule:
     precision: Literal["float64", "float32"] = "float64"
 
     def __post_init__(self) -> None:
-        """Fill in the conventions of the action space, and check that the parts form an action in this space."""
+        """Set the default conventions of the action space, and check that the parts form an action in this space."""
         for name, own in own_conventions(self.space).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, own)
@@ -243,7 +238,7 @@ class AnswerRule:
     def in_space(self, space: str) -> AnswerRule:
         """Return a copy of the rule for another action space.
 
-        If only LIBERO or CALVIN uses that space, the copy has the rotation format, units and gripper convention of the
+        For an action space of LIBERO or CALVIN, the copy uses the rotation format, units and gripper convention of the
         space. Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not
         form an action in that space.
         """
@@ -266,7 +261,7 @@ class AnswerRule:
 
     @property
     def columns(self) -> dict[tuple[str, ...], int]:
-        """Number of columns that the array at each path in the answer has."""
+        """Number of columns of each array in the answer, by path."""
         found: dict[tuple[str, ...], int] = {}
         for part in self.parts:
             found[part.key] = found.get(part.key, 0) + self._size(part)
@@ -283,9 +278,16 @@ class AnswerRule:
     ) -> np.ndarray:
         """Convert a reply to actions, (horizon, dim) float64 in the rule's action space.
 
-        Rows with non-finite numbers remain non-finite, so that they can be recognized later. ``ee_offset_m`` is the
-        offset that was added to the end-effector position in the observation, and ``tool_offset_m`` is the position of
-        the policy's tool point in betterbench's tool frame. Both are subtracted from absolute positions.
+        Actions with non-finite values remain non-finite, so that they can be detected later.
+
+        Args:
+            reply: Decoded reply of the policy.
+            observation: Observation to which the policy replied. Its tool rotation defines the tool frame.
+            ee_offset_m: Offset that was added to the end-effector position in the observation [m]. It is subtracted
+                from absolute positions.
+            control_rate_hz: Control rate of the run [Hz].
+            tool_offset_m: Position of the policy's tool point in betterbench's tool frame [m]. Absolute poses are
+                converted to betterbench's tool point.
 
         Raises:
             PolicyError: If the reply lacks an array that the rule reads, or contains an invalid rotation.
@@ -322,7 +324,7 @@ class AnswerRule:
         return actions
 
     def _rounded(self, numbers: np.ndarray) -> np.ndarray:
-        """Round numbers in the same way as the policy's own client, and return them as float64."""
+        """Round numbers to the type ``precision``, and return them as float64."""
         if self.precision == "float64":
             return numbers
         with np.errstate(over="ignore"):
@@ -330,20 +332,20 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions are the same as those of the action space."""
+        """Whether the answer uses exactly the conventions of the action space."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
     @property
     def _is_plain(self) -> bool:
-        """Whether the numbers need only be reordered, without any conversion."""
+        """Whether the columns of the answer only need to be reordered, without converting any numbers."""
         if self.space in _DELTAS or self.space in WORLD_ACTION_SPACES:
             return self._means_ours
         plain = self.gripper == "close_positive" and self.step_rate_hz is None
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:
-        """Return the duration of a control step of the run, as a fraction of the step duration in the training data."""
+        """Return the duration of a control step of the run, divided by the step duration of the training data."""
         return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
 
     def _convert(
@@ -369,7 +371,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # There is one factor per number. It is exactly 1 if the units are those of the action space.
+            # Multiply by a single factor, which is exactly 1 if the answer uses the units of the action space.
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)
@@ -378,7 +380,7 @@ class AnswerRule:
         for i, row in enumerate(rows):
             if bad[i]:
                 continue
-            if self.rotation == "axis_angle":  # a delta in the tool frame
+            if self.rotation == "axis_angle":  # only in the tool frame; the base frame is handled above
                 rotation[i] = np.multiply(row, self.rotation_unit_rad)
             elif self.rotation == "rpy":
                 rotation[i] = to_axis_angle(from_format([v * self.rotation_unit_rad for v in row], "rpy"))
@@ -390,7 +392,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation in the format that actions in LIBERO or CALVIN have, as (horizon, 6 or 7)."""
+        """Return the translations and rotations in the format of a LIBERO or CALVIN action, as (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])
@@ -405,9 +407,9 @@ class AnswerRule:
         return np.concatenate([translation, np.array(turns)], axis=1)
 
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Rotate deltas from the tool frame to the base frame, in place.
+        """Rotate deltas (horizon, 3) from the tool frame to the base frame, in place.
 
-        Each delta also rotates the tool frame in which the next delta is given.
+        Each delta is given in the tool frame after all previous deltas have been executed.
         """
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
@@ -417,7 +419,7 @@ class AnswerRule:
             tool = multiply(tool, turn)
 
     def _close(self, gripper: np.ndarray) -> np.ndarray:
-        """Return the gripper column, converted so that positive values close the gripper."""
+        """Convert the gripper column so that positive values close the gripper."""
         if self.gripper == "close_positive":
             return gripper
         if self.gripper == "open_positive":
@@ -441,9 +443,9 @@ class AnswerRule:
         control_rate_hz: float,
         tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[tuple[str, ...], np.ndarray]:
-        """Convert actions to the arrays of a reply, (horizon, columns) float64 by path.
+        """Convert actions to the arrays of a reply, each (horizon, columns) float64, by path.
 
-        This is the inverse of :meth:`read`.
+        This method is the inverse of :meth:`read`.
         """
         given = np.asarray(actions, dtype=np.float64)
         scale, pace = np.array(action_space(self.space).scale[:-1]), self._pace(control_rate_hz)
@@ -483,7 +485,7 @@ class AnswerRule:
         return {key: np.concatenate(parts, axis=1) for key, parts in columns.items()}
 
     def _to_tool(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Rotate deltas from the base frame to the tool frame, in place."""
+        """Rotate deltas (horizon, 3) from the base frame to the tool frame, in place."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             translation[i] = rotate(conjugate(tool), translation[i].tolist())
@@ -509,12 +511,10 @@ class AnswerRule:
 
 
 def twist(*keys: str) -> tuple[AnswerPart, ...]:
-    """Return the parts of an answer for translation, rotation and gripper.
-
-    The parts share one array, or each has an array of its own.
+    """Return the parts of an answer that consists of translation, rotation and gripper.
 
     Args:
-        *keys: Name of the shared array, or the three names of the separate arrays.
+        *keys: Name of the array that contains all parts, or the names of three arrays with one part each.
     """
     translation, rotation, gripper = keys * 3 if len(keys) == 1 else keys
     return (
@@ -527,7 +527,7 @@ def twist(*keys: str) -> tuple[AnswerPart, ...]:
 def own_conventions(space: str) -> dict[str, Any]:
     """Return the rotation format, units and gripper convention of an action space, by field of :class:`AnswerRule`.
 
-    Raises UnknownNameError if the action space does not exist.
+    Raises UnknownNameError if the action space is unknown.
     """
     scale = action_space(space).scale
     added = space in _ADDS_ANGLES
@@ -540,7 +540,7 @@ def own_conventions(space: str) -> dict[str, Any]:
 
 
 def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value at a path in a reply. If it is missing, raise PolicyError with a list of the existing keys."""
+    """Return the value at a path in a reply. Raises PolicyError, which lists the existing keys, if it is missing."""
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:
@@ -555,7 +555,8 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 def number_array(given: object) -> np.ndarray:
     """Convert a value in an answer to an array.
 
-    The dtype is object if the value consists of lists of unequal length or contains booleans.
+    Return an array of dtype object if the value contains booleans or lists of unequal length, so that callers reject
+    it.
     """
     try:
         return np.asarray(None) if _holds_truths(given) else np.asarray(given)
@@ -564,7 +565,7 @@ def number_array(given: object) -> np.ndarray:
 
 
 def _holds_truths(given: object) -> bool:
-    """Return whether nested lists or an array contain a boolean. NumPy would convert it to 0 or 1."""
+    """Return whether nested lists or an array contain booleans, which NumPy would convert to 0 and 1."""
     if isinstance(given, list | tuple):
         return any(isinstance(item, bool | np.bool_) or _holds_truths(item) for item in given)
     return isinstance(given, np.ndarray) and given.dtype.kind == "b"
@@ -589,5 +590,5 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
-    with np.errstate(invalid="ignore"):  # converting a signaling NaN would warn; NaNs are checked later
+    with np.errstate(invalid="ignore"):  # suppress the warning for signaling NaNs; NaNs are handled later
         return array.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Handshake between a client and a policy server. Both declare their conventions, and any difference stops the run."""
+"""Handshake between a client and a policy server. The conventions of both sides are compared before the run starts."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ _MOST_SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """Conventions that one side of a connection declares, i.e. the client or the server.
+    """Conventions declared by the client or the server.
 
-    A field that one side does not declare is not compared.
+    A field is compared only if both sides declare it.
 
     Attributes:
-        who: Name of the side, as shown in messages.
+        who: Name of the client or server for error messages.
         preset: Name of the adapter.
         action_space: Name of the action space.
         action_dim: Number of values in an action.
         action_low: Minimum of each value in an action.
         action_high: Maximum of each value in an action.
-        action_scale: Physical size of one unit, for each value in an action.
-        action_convention: Description of the frame, the reference and the gripper convention of an action.
+        action_scale: Size of one action unit in physical units, for each value in an action.
+        action_convention: Text that describes the reference frame and the gripper convention of actions.
         position: Format of translations or positions ("delta_xyz").
         rotation: Format of rotations ("axis_angle").
         gripper: Gripper convention ("close_positive").
         state: Format of the robot's state.
         language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].
-        cameras: Images by key. Each value is the size (width, height), or None if any size is allowed. The other side
-            must provide every image that is required, and may provide more.
+        cameras: Size (width, height) [pixel] of each image, by key, or None if any size is allowed. The client must
+            provide all images that the server declares, and may provide more.
     """
 
     who: str
@@ -68,7 +68,7 @@ class Declaration:
     cameras: Mapping[str, tuple[int, int] | None] | None = None
 
     def rows(self) -> dict[str, str]:
-        """Return the declared values as text, by name, for use in tables."""
+        """Return the declared values as text for a table, by name."""
         shown = {}
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -80,7 +80,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """JSON form of a betterbench server's declaration. Fields that newer servers add are ignored."""
+    """JSON form of a betterbench server's declaration. Unknown fields, which newer servers may send, are ignored."""
 
     preset: str
     action_space: dict[str, Any]
@@ -105,9 +105,9 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 
 
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
-    """Return the declaration of an adapter's inputs and answers.
+    """Return the declaration of an adapter's inputs and outputs.
 
-    If ``rate_hz`` is None, the adapter's own control rate is declared.
+    If ``rate_hz`` is None, the declaration contains the control rate of the adapter.
     """
     answer = adapter.answer
     space = action_space(answer.space)
@@ -137,7 +137,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 def read_server(who: str, form: object) -> Declaration:
     """Parse the declaration of a betterbench server.
 
-    Raises HandshakeError if it is malformed or has a different version than this client supports.
+    Raises HandshakeError if the declaration is malformed or has an unsupported version.
     """
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
@@ -157,9 +157,9 @@ def read_server(who: str, form: object) -> Declaration:
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Parse the declaration of how action chunks from a betterbench server must be executed.
+    """Parse the settings for executing action chunks that a betterbench server declares.
 
-    Return None if the server does not declare this. Raises HandshakeError if the declaration is malformed.
+    Return None if the server does not declare them. Raises HandshakeError if they are malformed.
     """
     told = form.get("execution") if isinstance(form, Mapping) else None
     if told is None:
@@ -168,19 +168,18 @@ def read_execution(who: str, form: object) -> Execution | None:
     given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
     if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
-            f"{who}: the declaration of how chunks are executed cannot be read. Install the same release on both sides."
+            f"{who}: the declared settings for executing chunks are malformed. Install the same release on both sides."
         )
     try:
         return Execution(**given)
     except InvalidInputError as error:
-        raise HandshakeError(f"{who} declares an impossible way of executing chunks ({error})") from error
+        raise HandshakeError(f"{who} declares invalid settings for executing chunks ({error})") from error
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
-    """Decode the declaration of a server.
+    """Decode the declaration of a server with ``decode``, and check its size.
 
-    Raises HandshakeError if the declaration is too large or too deeply nested. Errors raised by ``decode`` are not
-    caught.
+    Raises HandshakeError if the declaration is too large or too deeply nested. Errors of ``decode`` are passed on.
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
@@ -199,9 +198,9 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
 
 
 def space_cure(space: str) -> str:
-    """Return an instruction for the user whose policy has a different action space than the run.
+    """Return advice for a user whose policy has a different action space than the run.
 
-    The instruction is different for LIBERO and CALVIN, because no option can select their action space.
+    In LIBERO and CALVIN, the advice is to use another policy or preset, because their action space is fixed.
     """
     return (
         f"Use --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
@@ -217,7 +216,7 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
         mine, other = getattr(ours, entry.name), getattr(theirs, entry.name)
         if mine is not None and other is not None and mine != other:
             name = entry.name.replace("_", " ")
-            found.append(f"{name}: {ours.who} says {_text(mine)}, {theirs.who} says {_text(other)}")
+            found.append(f"{name}: {ours.who} declares {_text(mine)}, {theirs.who} declares {_text(other)}")
     given = ours.cameras or {}
     if ours.cameras is not None and not any("{camera}" in key or key == EVERY_CAMERA for key in given):
         for key, wanted in (theirs.cameras or {}).items():
@@ -225,7 +224,9 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
                 there = ", ".join(given) or "no images"
                 found.append(f"{_camera(key)}: {theirs.who} needs this image, but {ours.who} provides {there}")
             elif wanted is not None and given[key] not in (None, wanted):
-                found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
+                found.append(
+                    f"{_camera(key)}: {ours.who} declares {_size(given[key])}, {theirs.who} declares {_size(wanted)}"
+                )
     if found:
         more = [f"{len(found) - _MOST_SHOWN} more"] if len(found) > _MOST_SHOWN else []
         raise HandshakeError(

@@ -1,4 +1,4 @@
-"""Image inputs of a policy. They are camera images that are rotated, mirrored, cropped and resized."""
+"""Image inputs of a policy, computed from camera images by rotation, mirroring, cropping and resizing."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""Method of fitting an image with a different aspect ratio: black bars, cropping, or distortion."""
+"""Method for resizing an image to a different aspect ratio: "pad" adds black bars, "crop" removes margins, and
+"stretch" distorts the image.
+"""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Rotation in degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""Camera name that stands for all cameras of the observation. The key of the image input then contains ``{camera}``."""
+"""Camera name that selects all cameras of the observation. The key of the image input must then contain ``{camera}``.
+"""
 
 _LARGEST_SIDE = 4096
 
@@ -26,20 +29,20 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input of a policy, made by transforming the image of a camera.
+    """Image input of a policy, computed from the image of a camera.
 
-    The image is first rotated, then mirrored, then cropped, and finally fitted to the required size.
+    The image is first rotated, then mirrored, then cropped, and finally resized.
 
     Attributes:
         key: Path of the image in the request.
         camera: Name of the camera, or ``*`` for all cameras.
-        width: Required width [pixel]. With None, the image keeps its size.
-        height: Required height [pixel]. With None, the image keeps its size.
-        fit: Method for fitting an image whose aspect ratio differs from the required one.
-        keep: Fraction of the image area that a center crop keeps before the image is fitted. Policies that were trained
-            with random crops are evaluated with 0.9 (OpenVLA) or 0.95.
+        width: Required width [pixel]. With None, the image is not resized.
+        height: Required height [pixel]. With None, the image is not resized.
+        fit: Method for resizing an image whose aspect ratio differs from the required aspect ratio.
+        keep: Fraction of the image area that a center crop keeps before the image is resized. Policies that were
+            trained with random crops are evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
-        mirror: Whether left and right are swapped.
+        mirror: Whether the image is flipped horizontally.
     """
 
     key: tuple[str, ...]
@@ -73,10 +76,10 @@ class ImageRule:
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Transform a camera image to the policy's input.
+        """Convert a camera image (height, width, 3) uint8 to the policy's input.
 
-        An image that is too large is reduced with Pillow's antialiased bilinear filter, as in openpi's client. An image
-        that already has the required size is not changed.
+        The image is resized with Pillow's antialiased bilinear filter, as in openpi's client. If it already has the
+        required size and is not cropped, it is not resampled.
 
         Returns:
             Contiguous array (self.height, self.width, 3) uint8.
@@ -108,7 +111,7 @@ class ImageRule:
             min(float(width), left + from_width),
             min(float(height), top + from_height),
         )
-        from PIL import Image  # noqa: PLC0415 - a policy that takes images of their own size needs no Pillow
+        from PIL import Image  # noqa: PLC0415 - Pillow is needed only if images are resized
 
         resized = np.asarray(
             Image.fromarray(turned).resize(

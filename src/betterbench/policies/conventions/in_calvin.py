@@ -1,4 +1,4 @@
-"""Requests and actions of existing evaluation clients in CALVIN.
+"""Presets that reproduce the requests and actions of existing evaluation clients for CALVIN.
 
 CALVIN's images are upright. In CALVIN's ``robot_obs``, the entries 0 to 2 are ``ee_position``, 3 to 5 are ``ee_rpy``, 6
 is ``gripper_width`` and 14 is ``gripper_command``.
@@ -35,7 +35,7 @@ STARVLA_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), precision="float32"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""Layout of starVLA's CALVIN client: relative actions, and a gripper value above 0 that opens."""
+"""Layout of starVLA's CALVIN client: relative actions; gripper values above 0 open the gripper."""
 
 OPENPI_CALVIN = Adapter(
     "openpi_calvin",
@@ -51,8 +51,8 @@ OPENPI_CALVIN = Adapter(
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=5,
 )
-"""Layout of RLinf's openpi client for CALVIN: relative actions, five executed actions per chunk, and images in CALVIN's
-own sizes.
+"""Layout of RLinf's openpi client for CALVIN: relative actions, an execution horizon of 5, and images in CALVIN's
+original sizes.
 """
 
 VLA_EVAL_CALVIN = Adapter(
@@ -68,8 +68,7 @@ VLA_EVAL_CALVIN = Adapter(
 )
 """Layout of vla-evaluation-harness in CALVIN: deltas in meters and radians, which are accumulated to absolute poses.
 
-The harness scales images to [-1, 1] and back, which can change a pixel value by 1 of 255. Here, images are sent
-unchanged.
+The harness scales images to [-1, 1] and back, which can change a pixel value by 1. This preset sends unchanged images.
 """
 
 VLA_EVAL_CALVIN_ABSOLUTE = replace(
@@ -84,9 +83,9 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
         precision="float32",
     ),
 )
-""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, which the harness's X-VLA server requests.
+""":data:`VLA_EVAL_CALVIN` for servers that declare ``absolute_action``, such as the harness's X-VLA server.
 
-Gripper values above 0 close.
+Gripper values above 0 close the gripper.
 """
 
 X_VLA_CALVIN = Adapter(
@@ -112,11 +111,11 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""Layout of X-VLA's CALVIN client: absolute poses, 25 executed actions per chunk, and domain 2.
+"""Layout of X-VLA's CALVIN client: absolute poses, an execution horizon of 25, and domain ID 2.
 
-After the first answer, the state is the last commanded pose. X-VLA's own evaluation gives each instruction 720 steps
-and executes the rest of a chunk under the next instruction. Here, an instruction has CALVIN's 360 steps and begins with
-a new chunk.
+After the first answer, the state is the last commanded pose. X-VLA's own evaluation allows 720 steps per instruction.
+When the instruction changes, it executes the current chunk to the end. In betterbench, each instruction has CALVIN's
+limit of 360 steps and begins with a new chunk.
 """
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
@@ -151,8 +150,8 @@ GR00T_CALVIN = Adapter(
     leading_axes=2,
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""Layout of a GR00T checkpoint trained on CALVIN's data in starVLA's format: relative actions, and a gripper value
-above 0 that opens.
+"""Layout of a GR00T checkpoint trained on CALVIN's data in starVLA's format: relative actions; gripper values above 0
+open the gripper.
 """
 
 BEING_H_CALVIN = Adapter(
@@ -173,7 +172,7 @@ BEING_H_CALVIN = Adapter(
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=8,
 )
-"""Layout of a Being-H checkpoint trained on CALVIN's data: relative actions, and a gripper value of 1 that opens."""
+"""Layout of a Being-H checkpoint trained on CALVIN's data: relative actions; a gripper value of 1 opens the gripper."""
 
 OPENVLA_CALVIN = Adapter(
     "openvla_calvin",
@@ -183,7 +182,7 @@ OPENVLA_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), gripper="closed_at_least"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""Layout of the OpenVLA family in CALVIN: relative actions, and a gripper value of 0.5 or more that closes."""
+"""Layout of the OpenVLA family in CALVIN: relative actions; gripper values of at least 0.5 close the gripper."""
 
 OPENVLA_OFT_CALVIN = replace(
     OPENVLA_CALVIN,
@@ -200,7 +199,7 @@ CALVIN_PRESETS: Mapping[str, Adapter] = {
         *(BEING_H_CALVIN, OPENVLA_CALVIN, OPENVLA_OFT_CALVIN),
     )
 }
-"""Presets whose actions only CALVIN can execute, by name."""
+"""Presets by name. Their actions can only be executed in CALVIN."""
 
 _NAMED: Mapping[str, Adapter] = {
     "starvla": STARVLA_CALVIN,
@@ -214,9 +213,10 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the adapter that evaluation clients for CALVIN use for the same kind of policy as a given adapter.
+    """Return the CALVIN adapter that corresponds to a general adapter, such as ``x_vla_calvin`` for ``x_vla``.
 
-    ``chosen`` is True if the policy address explicitly names the preset.
+    If there is no corresponding adapter, return the given adapter. ``chosen`` is True if the policy address explicitly
+    names the preset.
     """
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)

@@ -1,9 +1,8 @@
-"""Requests and actions of existing evaluation clients in LIBERO, by preset.
+"""Presets that reproduce the requests and actions of existing evaluation clients for LIBERO.
 
 In betterbench's own scenes, a preset such as ``starvla`` is for a policy that was fine-tuned on betterbench
-demonstrations. In LIBERO, the same name is for a checkpoint that was trained on LIBERO. The checkpoint's answers are
-executed in the same way as by the policy's own client: the numbers passed to ``env.step`` are the same
-(tests/sim/worlds/test_answers.py).
+demonstrations. In LIBERO, the same name is for a checkpoint that was trained on LIBERO. betterbench then passes exactly
+the same actions to ``env.step`` as the policy's own evaluation client (tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
 ``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
@@ -23,8 +22,7 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.proprioception import StatePart
 
 SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
-"""LIBERO's eight-dimensional state as vla-evaluation-harness sends it: the length of the rotation vector is at most pi.
-"""
+"""LIBERO's eight-dimensional state in vla-evaluation-harness, where the length of the rotation vector is at most pi."""
 
 _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
@@ -33,15 +31,15 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "gr00t_libero_panda": lambda rule: replace(rule, gripper="open_sign"),
     "openvla": lambda rule: replace(rule, gripper="open_sign"),
     "openvla_oft": lambda rule: replace(rule, gripper="open_sign"),
-    # A negative gripper value opens, any other value closes.
+    # Negative values open the gripper, all other values close it.
     "vla_eval": lambda rule: replace(rule, gripper="closed_at_least", gripper_threshold=0.0),
 }
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return the adapter that existing evaluation clients for LIBERO use for the policy of a preset.
+    """Return an adapter that reproduces the requests and actions of the policy's own evaluation client for LIBERO.
 
-    If the preset already matches these clients, its adapter is returned unchanged.
+    If the given adapter already matches this client, it is returned unchanged.
     """
     if adapter.name == "x_vla":
         return _x_vla(adapter)
@@ -54,10 +52,10 @@ def in_libero(adapter: Adapter) -> Adapter:
 
 
 def _x_vla(adapter: Adapter) -> Adapter:
-    """Return the adapter that corresponds to X-VLA's LIBERO client.
+    """Return an adapter that matches X-VLA's evaluation client for LIBERO.
 
-    It uses absolute poses, the pose measured by robosuite's controller, and the domain ID 3. The front image is rotated
-    by 180 degrees, and the wrist image is used as robosuite renders it.
+    Actions are absolute poses, the state is the pose measured by robosuite's controller, and the domain ID is 3. The
+    wrist image is rotated by 180 degrees, because X-VLA's client uses it as robosuite renders it.
     """
     front, wrist = adapter.views
     measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)

@@ -1,16 +1,16 @@
-"""LIBERO's own conventions, for checkpoints that were trained on LIBERO instead of on betterbench demonstrations.
+"""Conventions of LIBERO, for checkpoints that were trained on LIBERO and are evaluated in betterbench's own scenes.
 
 - **Units.** robosuite's controller OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows the
-  resulting goal with a low gain. In one control step, the end effector moves 0.0125 m or rotates 0.1 rad per unit
-  (measured with robosuite 1.4.0 on every axis, with actions of 0.1 to 1.0). betterbench's controller executes a delta
-  exactly, so the units here are the measured values.
+  resulting goal with a low gain. In one control step, the end effector therefore moves only 0.0125 m or 0.1 rad per
+  unit (measured with robosuite 1.4.0 on every axis, with actions of 0.1 to 1.0). betterbench's controller executes a
+  delta exactly, so this module uses the measured values as units.
 - **Origin.** Positions are given in LIBERO's world frame, in which the position of the robot base depends on the kind
   of scene (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
 - **Tool point.** LIBERO's tool point (robosuite's ``grip_site``) is 0.097 m from the hand. betterbench's tool point is
   0.1034 m from the hand, which is 6.4 mm lower.
-- **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and LIBERO's
-  clients rotate images by 180 degrees. The training images are therefore upright and *mirrored* (openvla/openvla issue
-  295, huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
+- **Images.** LIBERO's renderer returns the rows from bottom to top (robosuite's "opengl" convention), and policies for
+  LIBERO rotate the images by 180 degrees. The training images are therefore upright and *mirrored* (openvla/openvla
+  issue 295, huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
     "study": _STUDY,
     "living_room": _LIVING_ROOM,
 }
-"""Position of the robot base in LIBERO's world frame [m], by suite, and by scene if scenes of a suite differ.
+"""Position of the robot base in LIBERO's world frame [m], by suite or by scene type.
 
-LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies. Their entries give the position in the kitchens.
+LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies. The entries "10" and "90" apply to the kitchens.
 """
 
 
@@ -55,9 +55,9 @@ def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polar
     """Return an adapter for a checkpoint that was trained on a LIBERO suite.
 
     Args:
-        adapter: Adapter for the same kind of policy when it has been fine-tuned on betterbench demonstrations.
+        adapter: Adapter for a policy of the same type that was fine-tuned on betterbench demonstrations.
         name: Name of the returned adapter.
-        suite: Name of the LIBERO suite, which is a key of :data:`BASES_M`.
+        suite: LIBERO suite or scene type, which is a key of :data:`BASES_M`.
         gripper: Gripper convention in the checkpoint's training data.
     """
     return replace(

@@ -1,4 +1,4 @@
-"""Modalities of a GR00T server: the inputs and outputs that it declares, and the time steps needed of each input."""
+"""Modalities of a GR00T server: its declared inputs and outputs, and the time steps that each input covers."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Modalities:
         state: Names of the required states, or None.
         language: Names of the required instructions, or None.
         action: Names of the actions, or None.
-        steps: Control steps from which the policy needs observations, for each modality in ``SEEN``. They are relative
-            to the current step, which is 0 and comes last.
+        steps: Control steps of the required observations, for each modality in ``SEEN``. They are relative to the
+            current step and end with 0, for example (-1, 0).
         horizon: Number of actions in a chunk, or None if the server does not declare it.
-        prefixed: Whether names begin with their modality ("video.front"), as in N1.5.
+        prefixed: Whether the server's names begin with the modality ("video.front"), as in N1.5.
     """
 
     video: tuple[str, ...] | None = None
@@ -43,10 +43,11 @@ class Modalities:
 
     @classmethod
     def read(cls, reply: object, where: str) -> Modalities:
-        """Parse the answer to ``get_modality_config``. A plain map, such as starVLA's server returns, declares nothing.
+        """Parse the answer to ``get_modality_config``.
 
-        Raises HandshakeError if the answer is malformed, or if the policy needs observations at steps that the client
-        cannot provide.
+        Some servers, such as starVLA's, return a map without modality configs. They are treated as servers that declare
+        nothing. Raises HandshakeError if the answer is malformed, or if the policy needs observations from time steps
+        that the client does not support.
         """
         marked = [isinstance(value, ModalityConfig) for value in reply.values()] if isinstance(reply, Mapping) else []
         if isinstance(reply, Mapping) and not any(marked):
@@ -75,9 +76,9 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise HandshakeError if an adapter and the server have different modalities. The message quotes both.
+        """Raise HandshakeError if an adapter and the server have different modalities. The message lists both.
 
-        The key of the instruction is not compared, because the client uses the server's key.
+        The key of the instruction is not compared, because the client uses the server's key in its requests.
         """
         given = {
             "video": [name_of(rule.key) for rule in adapter.views],
@@ -111,9 +112,9 @@ class Modalities:
 
 
 def name_of(key: tuple[str, ...]) -> str:
-    """Return the name that an adapter key contains, without the modality.
+    """Return the name in an adapter key, without the modality.
 
-    For example, ("video", "front") and ("video.front",) both give "front".
+    For example, the result is "front" for ("video", "front") and for ("video.front",).
     """
     if len(key) > 1:
         return "/".join(key[1:])
@@ -122,12 +123,12 @@ def name_of(key: tuple[str, ...]) -> str:
 
 
 def _bare(key: str, kind: str) -> str:
-    """Return a name that a server declares, without the prefix for the modality that N1.5 adds."""
+    """Remove the modality prefix, which N1.5 adds, from a declared name. Names of instructions keep their prefix."""
     return key.removeprefix(f"{kind}.") if kind != "language" else key
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Join names for use in a message, and shorten the result if there are many."""
+    """Join names for a message. If there are too many names, append the number of omitted names."""
     known = sorted(names)
     more = f" and {len(known) - _MOST_SHOWN} more" if len(known) > _MOST_SHOWN else ""
     return ", ".join(one_line(name, most=60) for name in known[:_MOST_SHOWN]) + more or "nothing"

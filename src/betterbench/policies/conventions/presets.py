@@ -1,4 +1,4 @@
-"""Adapters for known policies, and options of a policy address that override parts of an adapter."""
+"""Presets (adapters for known policies), and the options of a policy address that override parts of an adapter."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _UNITS: dict[str, tuple[float, float]] = {
     "libero_measured": (MEASURED_TRANSLATION_M, MEASURED_ROTATION_RAD),
     "physical": (1.0, 1.0),
 }
-"""Translation [m] and rotation [rad] that one action unit stands for, by name of the scale."""
+"""Translation [m] and rotation [rad] per action unit, for each value of the option ``units``."""
 
 _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
 
 def _twist_by_axis(translation: tuple[str, str, str], rotation: tuple[str, str, str], gripper: str) -> AnswerRule:
-    """Return an answer rule with one array per axis, in LIBERO's units."""
+    """Return an answer rule for replies with a separate array for each axis, in LIBERO's units."""
     kinds: tuple[AnswerKind, ...] = ("translation_x", "translation_y", "translation_z")
     kinds += ("rotation_x", "rotation_y", "rotation_z")
     axes = tuple(AnswerPart((key,), kind) for key, kind in zip((*translation, *rotation), kinds, strict=True))
@@ -64,7 +64,9 @@ NATIVE = Adapter(
     instruction=InstructionRule(("prompt",)),
     episode_key=("better/episode",),
 )
-"""Complete observation of betterbench in openpi's protocol. Answers are executed unchanged."""
+"""Layout of betterbench's own policy servers. Requests contain the complete observation, and actions are executed
+unchanged.
+"""
 
 OPENPI_LIBERO = Adapter(
     "openpi_libero",
@@ -79,10 +81,11 @@ OPENPI_LIBERO = Adapter(
 )
 """LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This layout is for a policy fine-tuned on betterbench demonstrations. ``openpi_libero_SUITE`` is for a checkpoint
-trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). betterbench's images are upright, so they
-must not be rotated by 180 degrees. The state consists of the position and rotation vector of the tool and the positions
-of the two finger joints. openpi's example client executes 5 actions of a chunk.
+Use this preset for a policy that was fine-tuned on betterbench demonstrations, and ``openpi_libero_SUITE`` for a
+checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). betterbench's images are
+upright, so they must not be rotated by 180 degrees. The state consists of the position [m] and rotation vector [rad] of
+the end effector and the positions [m] of the two finger joints. The execution horizon is the same as in openpi's
+example client.
 """
 
 OPENPI_DROID = Adapter(
@@ -107,16 +110,17 @@ OPENPI_DROID = Adapter(
 )
 """DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
 
-DROID's actions are seven joint velocities and a gripper position. The velocities are in units of 0.2 rad per step at 15
-Hz, that is 3 rad/s (``droid/robot_ik/robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``). The gripper position
-ranges from 0 (open) to 1 (closed), and the client thresholds it at 0.5. betterbench executes the actions as velocities:
-at its control rate of 20 Hz, one unit is a step of 0.15 rad. ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the limit
-of the slowest joint), so velocities above two thirds of a unit are reduced and counted as clipped. DROID adds a step to
-the measured joint angles, whereas betterbench adds it to the last commanded angles.
+A DROID action consists of seven joint velocities and a gripper position. One unit of velocity is 0.2 rad per step at
+15 Hz, or 3 rad/s (``droid/robot_ik/robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``). The gripper position
+ranges from 0 (open) to 1 (closed), and the client thresholds it at 0.5. betterbench also executes the actions as
+velocities: at its control rate of 20 Hz, one unit is 0.15 rad per step. The action space ``joint_delta`` is clipped at
+0.1 rad per step (2 rad/s, the limit of the slowest joint), so velocities above two thirds of a unit are reduced and
+counted as clipped. DROID adds each step to the measured joint positions, whereas betterbench adds it to the last
+commanded positions.
 
 DROID's exterior camera is at the side of the robot. The closest camera in betterbench is ``left_shoulder``, which
-``--observation droid`` renders. ``camera.observation/exterior_image_1_left=front`` uses the front view instead.
-openpi's example client executes 8 actions of a chunk.
+``--observation droid`` renders. To use the front view instead, add ``camera.observation/exterior_image_1_left=front``
+to the policy address. The execution horizon is the same as in openpi's example client.
 """
 
 GR00T_NEW_EMBODIMENT = Adapter(
@@ -133,9 +137,8 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """Layout of GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-The keys and slices of a new embodiment come from the ``meta/modality.json`` used for fine-tuning. This preset uses
-those of betterbench's data export. The server declares its keys when the client connects, and the handshake compares
-them.
+The keys of a new embodiment are defined in the ``meta/modality.json`` of the fine-tuning data. This preset uses the
+keys of betterbench's data export. The handshake compares them with the keys that the server declares.
 """
 
 _XYZ = ("x", "y", "z")
@@ -162,9 +165,10 @@ GR00T_LIBERO_PANDA = Adapter(
 ``gr00t/configs/data/embodiment_configs.py``), and of the LIBERO example of N1.5
 (``examples/Libero/custom_data_config.py``).
 
-In the state and in the action, the values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in the
-clients). In the training data, a gripper value of 1 means open, but the clients invert it. ``gr00t_libero_panda_SUITE``
-is for a checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
+In the state and in the action, the values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in
+GR00T's LIBERO clients). In the training data, a gripper value of 1 means open, but the clients invert it. Use
+``gr00t_libero_panda_SUITE`` for a checkpoint that was trained on LIBERO itself
+(:mod:`betterbench.policies.conventions.libero`).
 """
 
 GR00T_OXE_WIDOWX = Adapter(
@@ -194,10 +198,10 @@ GR00T_OXE_WIDOWX = Adapter(
 """Layout of GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and of the WidowX
 example of N1.5 (``examples/SimplerEnv/custom_data_config.py``).
 
-The conventions are those of BridgeData V2: meters, and angles about the base axes, at 5 Hz. A gripper value of 1 means
-open. Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
-``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are executed as velocities: each step at 20 Hz executes
-a quarter of a delta.
+The conventions follow BridgeData V2: translations in meters, rotations as angles about the base axes, and a
+control rate of 5 Hz. A gripper value of 1 means open. Rotations in the state are relative to a tool that points
+straight down (``bridge_data_robot``, ``widowx_controller.py``: ``DEFAULT_ROTATION``; SimplerEnv's clients do the same).
+Deltas are executed as velocities: each control step at 20 Hz executes a quarter of a delta.
 """
 
 GR00T_OXE_DROID = Adapter(
@@ -220,11 +224,11 @@ GR00T_OXE_DROID = Adapter(
 )
 """Layout of GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output.
 
-The server has already converted the model's relative angles to absolute angles. A gripper value of 1 means closed.
+The server converts the model's relative joint angles to absolute angles. A gripper value of 1 means closed.
 
-GR00T's client executes the angles at 15 Hz. Here they are executed at 20 Hz, which is a third faster. N1.7's tag
-``oxe_droid_relative_eef_relative_joint`` is different: it has two more entries (``eef_9d``) in a tool frame of DROID.
-:data:`OPENPI_DROID` describes the choice of camera.
+GR00T's client executes the angles at 15 Hz, but betterbench executes them at 20 Hz, which is a third faster. This
+preset does not support N1.7's tag ``oxe_droid_relative_eef_relative_joint``, which has two additional entries
+(``eef_9d``) in a tool frame of DROID. See :data:`OPENPI_DROID` for the choice of the camera.
 """
 
 BEING_H_LIBERO = Adapter(
@@ -242,10 +246,10 @@ BEING_H_LIBERO = Adapter(
 )
 """Layout of Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
-As in Being-H's client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered and resized by the server,
-and 8 actions of a chunk are executed.
+As in Being-H's client (``BeingH/benchmark/utils/policy.py``), the execution horizon is 8, and the images are resized by
+the server.
 
-``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. In the data of such a checkpoint, a gripper value
+Use ``being_h_libero_SUITE`` for a checkpoint that was trained on LIBERO itself. In its training data, a gripper value
 of 1 means open (``BeingH/benchmark/libero/run_libero_eval.py`` inverts it).
 """
 
@@ -256,10 +260,11 @@ VLA_EVAL = Adapter(
     instruction=InstructionRule(("task_description",)),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``): images by camera, an
-eight-dimensional state, and the instruction. Nearly all model servers of the harness accept it. The server resizes the
-images. A server that needs a single image uses the first one. ``vla_eval_libero_SUITE`` is for models trained on LIBERO
-itself.
+"""LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``).
+
+A request contains one image per camera, an eight-dimensional state, and the instruction. Nearly all model servers of
+the harness accept this layout. The server resizes the images. A server with a single image input uses the first image.
+Use ``vla_eval_libero_SUITE`` for models that were trained on LIBERO itself.
 """
 
 VLA_EVAL_ABSOLUTE = replace(
@@ -271,7 +276,7 @@ VLA_EVAL_ABSOLUTE = replace(
     ),
     answer=AnswerRule("libero_absolute", twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
 )
-"""Layout of vla-evaluation-harness in LIBERO with ``absolute_action``, which the harness's X-VLA server requests."""
+"""LIBERO layout of vla-evaluation-harness for servers that declare ``absolute_action``, such as its X-VLA server."""
 
 _STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
 
@@ -282,11 +287,11 @@ STARVLA = Adapter(
     instruction=InstructionRule(("lang",)),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""Layout of an example in starVLA's requests, without a state (``deployment/model_server``).
+"""Layout of starVLA's requests without a state (``deployment/model_server``).
 
-The images are sent as a list, in the order and the sizes of starVLA's LIBERO client. Some starVLA models write any
-state that they receive into the prompt, so a state is sent only by a separate preset (:data:`STARVLA_STATE`).
-``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on LIBERO itself, where a
+The images are sent as a list, with the order and the sizes of starVLA's LIBERO client. Some starVLA models add every
+state that they receive to the prompt, so only a separate preset (:data:`STARVLA_STATE`) sends a state. Use
+``starvla_libero_SUITE`` or ``starvla_state_libero_SUITE`` for checkpoints that were trained on LIBERO itself, where a
 gripper value of 1 means open.
 """
 
@@ -304,12 +309,12 @@ OPENVLA = Adapter(
     instruction=InstructionRule(("instruction",)),
     answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
-"""Body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
+"""Layout of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
 
-A checkpoint trained on several data sets needs the name of a normalization, which ``send.unnorm_key=NAME`` adds. A
-gripper value of 1 means open. Checkpoints trained with random crops need the central 0.9 of the image. Some servers
-crop the image themselves; for the others, give ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on
-LIBERO itself.
+A gripper value of 1 means open. For a checkpoint trained on several data sets, select the normalization statistics with
+``send.unnorm_key=NAME``. A checkpoint trained with random crops needs a center crop of 0.9 of the image area. If the
+server does not crop the images itself, add ``keep=0.9`` to the policy address. Use ``openvla_libero_SUITE`` for
+checkpoints that were trained on LIBERO itself.
 """
 
 OPENVLA_OFT = Adapter(
@@ -319,10 +324,10 @@ OPENVLA_OFT = Adapter(
     instruction=InstructionRule(("instruction",)),
     answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
-"""Body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state.
+"""Layout of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state.
 
-The answer is a chunk. The rest is as in :data:`OPENVLA`. ``openvla_oft_libero_SUITE`` is for checkpoints trained on
-LIBERO itself.
+The answer is an action chunk. All other conventions are as in :data:`OPENVLA`. Use ``openvla_oft_libero_SUITE`` for
+checkpoints that were trained on LIBERO itself.
 """
 
 X_VLA = Adapter(
@@ -343,12 +348,13 @@ X_VLA = Adapter(
     ),
     constants=(ConstantRule(("domain_id",)), ConstantRule(("steps",), 10)),
 )
-"""Body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
+"""Layout of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
-It contains images and a state with ten numbers for each of two arms. A robot with a single arm fills nine of these
-numbers. The answer consists of absolute tool poses. Arrays are sent as strings (``arrays=text``). ``domain_id`` selects
-the data set whose prompt the model uses (3 is LIBERO). It must be given in the address: ``send.domain_id=3``. X-VLA's
-client sends the last commanded pose, whereas this preset sends the measured pose.
+The request contains images and a state with ten values for each of two arms. For a robot with one arm, only nine values
+are set, and the others are zero. The answer consists of absolute end-effector poses. Arrays are sent as strings
+(``arrays=text``). ``domain_id`` selects the data set whose soft prompt the model uses (3 is LIBERO). It has no default,
+so add it to the policy address, for example ``send.domain_id=3``. X-VLA's client sends the last commanded pose, whereas
+this preset sends the measured pose.
 """
 
 DEXBOTIC = Adapter(
@@ -361,11 +367,13 @@ DEXBOTIC = Adapter(
     instruction=InstructionRule(("observation", "prompt")),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""Body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
-``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
-plain instruction. ``POST /process_frame`` gets the same data as a form (:mod:`betterbench.policies.clients.dexbotic`).
-Dexbotic's clients pass the answer to LIBERO unchanged, so a gripper value of +1 closes. They execute from 5 (pi0) to 12
-(DM0) actions of a chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+"""Layout of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
+``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``).
+
+A request contains two images by camera slot, LIBERO's state and the unmodified instruction. ``POST /process_frame``
+takes the same data as a form (:mod:`betterbench.policies.clients.dexbotic`). Dexbotic's clients pass the actions to
+LIBERO unchanged, so a gripper value of +1 closes the gripper. Their execution horizons range from 5 (pi0) to 12 (DM0).
+Use ``dexbotic_libero_SUITE`` for checkpoints that were trained on LIBERO itself.
 """
 
 DEXBOTIC_COGACT = replace(
@@ -375,10 +383,10 @@ DEXBOTIC_COGACT = replace(
     states=(),
     instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
 )
-"""Body of the requests to Dexbotic's CogACT, MemVLA and OFT models.
+"""Layout of the requests to Dexbotic's CogACT, MemVLA and OFT models.
 
-It has one image, no state, and the prompt template that was used in training. ``dexbotic_cogact_libero_SUITE`` is for
-checkpoints trained on LIBERO itself.
+A request contains one image and the instruction in the prompt template of the training data, but no state. Use
+``dexbotic_cogact_libero_SUITE`` for checkpoints that were trained on LIBERO itself.
 """
 
 LEROBOT = Adapter(
@@ -391,10 +399,10 @@ LEROBOT = Adapter(
     instruction=InstructionRule(("task",)),
     answer=AnswerRule("ee_delta", twist("action")),
 )
-"""Layout with LeRobot's own names, as ``lerobot:CHECKPOINT`` derives it from a checkpoint trained on betterbench's data
-export.
+"""Layout with LeRobot's feature names.
 
-The state is the same as in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+It equals the adapter that ``lerobot:CHECKPOINT`` derives from a checkpoint trained on betterbench's data export. The
+state is the same as in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 LEROBOT_SO101: dict[str, Adapter] = {
@@ -406,8 +414,8 @@ LEROBOT_SO101: dict[str, Adapter] = {
     )
     for space in get_args(MotorPart)
 }
-"""Layouts for LeRobot's ``so101_follower``: state and action are the positions of its six motors, in degrees or
-normalized.
+"""Layouts for LeRobot's ``so101_follower``. The state and the action are the positions of the six motors, in degrees or
+in LeRobot's normalized units.
 """
 
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
@@ -445,12 +453,13 @@ PRESETS: dict[str, Adapter] = {
 }
 
 OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.answer.space not in WORLD_ACTION_SPACES}
-"""Presets whose actions betterbench's own scenes can execute."""
+"""Presets by name, without those whose actions can only be executed in LIBERO or CALVIN."""
 
 UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
-"""Original layout of each preset that converts betterbench's observations to LIBERO's conventions.
+"""Name of the general preset for each preset ``..._SUITE``.
 
-LIBERO itself needs no such conversion.
+The presets ``..._SUITE`` convert betterbench's observations to LIBERO's conventions. In LIBERO itself, this conversion
+is not needed, so the policy address must name the general preset.
 """
 
 
@@ -465,8 +474,8 @@ def preset(name: str) -> Adapter:
 def own_preset(name: str) -> Adapter:
     """Return the preset with the given name, for use in betterbench's own scenes.
 
-    Raises UnknownNameError if the name is unknown, and InvalidInputError if only LIBERO or CALVIN can execute the
-    actions of the preset.
+    Raises UnknownNameError if the name is unknown, and InvalidInputError if the actions of the preset can only be
+    executed in LIBERO or CALVIN.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
@@ -479,12 +488,15 @@ def own_preset(name: str) -> Adapter:
 
 
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
-    """Return the adapter that a policy address selects.
+    """Return the adapter that a policy address selects, with the changes that its options request.
 
-    If the address names neither a preset nor a file, return the default. In LIBERO and CALVIN, a preset is adapted to
-    the clients that these benchmarks use for the same kind of policy. Raises InvalidInputError if the address names
-    both a preset and a file, if it names neither and there is no default, if an option is malformed, or if the
-    benchmark cannot execute the actions. Raises UnknownNameError if a preset or another name does not exist.
+    If the address names neither a preset nor a file, the default is used. In LIBERO and CALVIN, a preset is replaced by
+    an adapter that matches the policy's own evaluation client for this benchmark.
+
+    Raises:
+        InvalidInputError: If the address names both a preset and a file, if it names neither and there is no default,
+            if an option is malformed, or if the benchmark does not support the action space.
+        UnknownNameError: If a preset or another name does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
@@ -517,7 +529,10 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Apply the option ``ee_offset`` to an adapter. Raises InvalidInputError if the offset would have no effect."""
+    """Apply the option ``ee_offset`` to an adapter.
+
+    Raises InvalidInputError if the adapter uses no end-effector position, so that the offset would have no effect.
+    """
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
@@ -533,14 +548,14 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
     """Adapt a preset to the benchmark for which the policy address was parsed."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
-        return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the layout of NVIDIA's LIBERO checkpoints
+        return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # default: layout of NVIDIA's LIBERO checkpoints
     if address.world == "calvin":
         return in_calvin(adapter, chosen="preset" in address.options)
     return adapter
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Create the error for actions that a benchmark does not support, with a remedy that fits the benchmark."""
+    """Return the error for an action space that a benchmark does not support. Its message proposes other presets."""
     world, offered = _WORLD_NAMES[address.world], f"Use preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
@@ -551,10 +566,7 @@ def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputEr
 
 
 def presets_in(world: str) -> tuple[str, ...]:
-    """Return the names of the presets for a benchmark such as "libero".
-
-    An empty name stands for betterbench's own scenes.
-    """
+    """Return the names of the presets for a benchmark such as "libero", or for betterbench's own scenes ("")."""
     if world == "calvin":
         return tuple(CALVIN_PRESETS)
     layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
@@ -566,7 +578,7 @@ _WORLD_NAMES = {"": "betterbench's own scene", "libero": "LIBERO", "calvin": "CA
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Apply the ``send.KEY`` options of an address to the constants of an adapter.
+    """Set the constants of an adapter from the ``send.KEY`` options of a policy address.
 
     Raises InvalidInputError if a constant has neither a default nor a value in the address.
     """

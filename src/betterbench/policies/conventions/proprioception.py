@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy. They are parts of the robot's state in a given format and order."""
+"""Proprioceptive inputs of a policy: vectors composed of parts of the robot state, such as joint positions."""
 
 from __future__ import annotations
 
@@ -60,19 +60,19 @@ StatePart = Literal[
     "so101_degrees",
     "so101_normalized",
 ]
-"""Part of a robot state.
+"""Name of a part of the robot state.
 
-A part named after an action space in motor units is the measured position in these units. ``ee_rpy_from_down`` is the
-rotation of the tool relative to a tool that points straight down, as angles about the fixed axes of the base (as in
-BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
-negated, as in robosuite and LIBERO. ``gripper_open_fraction`` and ``gripper_closed_fraction`` are fractions of the full
-opening width. ``zero`` fills an entry that the policy does not use. ``ee_axis_angle_short`` is a rotation vector of
-length at most pi, so it may jump between two steps.
+``ee_rpy_from_down`` is the rotation of the tool relative to a tool that points straight down, as angles [rad] about the
+fixed axes of the base (as in BridgeData V2 and SimplerEnv's WidowX). ``ee_axis_angle_short`` is a rotation vector [rad]
+of length at most pi, which may therefore jump between two steps. ``gripper_fingers`` are the positions [m] of two
+finger joints, the second negated, as in robosuite and LIBERO. ``gripper_open_fraction`` and ``gripper_closed_fraction``
+are fractions of the full opening width. ``so101_degrees`` and ``so101_normalized`` are the measured motor positions in
+the units of the action space of the same name. ``zero`` is a placeholder for a value that the policy does not use.
 
-Some parts come from other simulators. ``controller_position`` and the corresponding rotations are the pose that
-robosuite's controller measured in LIBERO one physics step earlier. Elsewhere, they are the pose of the tool.
-``gripper_command`` is the last gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is
-1 after a command to close.
+Some parts come from other simulators. In LIBERO, ``controller_position`` and the corresponding rotations are the
+end-effector pose that robosuite's controller measured one physics step earlier. Elsewhere, they are the current pose.
+``gripper_command`` is the last gripper command in CALVIN: 1 to open, -1 to close. ``gripper_command_closed`` is 1 if
+the last command closed the gripper, and otherwise 0.
 """
 
 _AXES: dict[str, tuple[StatePart, int]] = {
@@ -82,7 +82,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts that are a single component of a vector, each with the name of the vector and the index of the component."""
+"""Vector and index of each part that is a single component of a vector."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -97,25 +97,25 @@ _SIZES: dict[str, int] = {
     **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
-"""Number of values in each part. For a part whose length depends on the robot, this is the number for the Panda."""
+"""Number of values in each part with several values. If it depends on the robot, the number is that of the Panda."""
 
 _PER_JOINT = ("joint_positions", "joint_velocities")
-"""Parts that have one value per arm joint."""
+"""Parts with one value per arm joint."""
 
 MotorPart = Literal["so101_degrees", "so101_normalized"]
-"""Parts in the units of the motors of one particular robot."""
+"""Parts in the motor units of a particular robot."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input of a policy: one vector that consists of parts of the robot's state.
+    """State input of a policy: a vector of concatenated parts of the robot state.
 
     Attributes:
         key: Path of the vector in the request.
         parts: Parts of the vector, in order.
         dtype: Number type of the vector.
-        scalar: Whether a plain number is sent instead of an array. This requires a vector of length 1.
+        scalar: Whether a number is sent instead of an array. This requires a vector of length 1.
     """
 
     key: tuple[str, ...]
@@ -124,7 +124,7 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the state has parts, and that a scalar has only one value."""
+        """Check that the state has at least one part, and that a scalar has only one value."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
             raise InvalidInputError(where, "the state has no parts", "List at least one part, such as ee_position")
@@ -144,9 +144,9 @@ class StateRule:
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self, joints: int | None = None) -> list[tuple[StatePart, slice]]:
-        """Return, for each part of the vector, the columns that belong to it.
+        """Return the parts of the vector, each with the slice of the vector that contains its values.
 
-        ``joints`` is the number of arm joints. By default, it is the number of the Panda's joints.
+        ``joints`` is the number of arm joints. By default, it is 7, as for the Panda.
         """
         found, begin = [], 0
         for part in self.parts:
@@ -163,13 +163,17 @@ class StateRule:
         gripper_opening_m: float,
         tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
-        """Return the state input for an observation, as an array (size,) of type ``dtype``.
+        """Compute the state input from an observation.
 
-        If the rule describes a scalar, return a number.
+        Args:
+            observation: Observation of betterbench.
+            ee_offset_m: Offset that is added to the end-effector position [m], for policies whose positions have a
+                different origin.
+            gripper_opening_m: Width at which the gripper is considered fully open [m].
+            tool_offset_m: Position of the policy's tool point in betterbench's tool frame [m].
 
-        ``ee_offset_m`` is added to the end-effector position, for policies whose positions have a different origin.
-        ``tool_offset_m`` is the position of the policy's tool point in betterbench's tool frame. ``gripper_opening_m``
-        is the width at which the gripper counts as fully open.
+        Returns:
+            Array (size,) of type ``dtype``, or a number if ``scalar`` is set.
         """
         values: list[float] = []
         for part in self.parts:
@@ -189,9 +193,10 @@ class StateRule:
 def tool_position(
     observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
 ) -> list[float]:
-    """Return the position [x, y, z] of a policy's tool point [m].
+    """Return the position [x, y, z] of a policy's tool point in the policy's coordinates [m].
 
-    ``tool_offset_m`` is the tool point in betterbench's tool frame.
+    ``ee_offset_m`` is the offset between the origins of the policy and of betterbench. ``tool_offset_m`` is the
+    position of the tool point in betterbench's tool frame.
     """
     position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
     if not any(tool_offset_m):
@@ -202,7 +207,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return the values of a state part that does not contain a position."""
+    """Return the values of a state part, except for positions of the end effector."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
@@ -232,11 +237,11 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
 
 
 def motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
-    """Return the measured positions of a robot's motors, in the units of the robot's action space.
+    """Return the measured motor positions in the units of a robot's action space.
 
     Raises PolicyError if the observation comes from a different robot.
     """
-    from betterbench.sim.robots import robot_of_space  # noqa: PLC0415 - MuJoCo, which only this part needs
+    from betterbench.sim.robots import robot_of_space  # noqa: PLC0415 - imports MuJoCo, which is needed only here
 
     spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
     if len(joints) != space.dim - 1:
@@ -248,10 +253,11 @@ def motor_positions(space: ActionSpace, observation: Observation) -> list[float]
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Convert the rotation of a tool to a format whose values do not jump when the tool points straight down.
+    """Convert the rotation of a tool so that its values are continuous when the tool points straight down.
 
-    Pointing down is a half turn about x, at which the scalar part w of the quaternion crosses zero. The usual rule w >=
-    0 would flip all four signs there, so the roll angle would jump by a full turn between two images.
+    A tool that points down is rotated by 180 degrees about x, so the scalar part w of its quaternion is close to 0. The
+    usual rule w >= 0 would change the signs of all components when w crosses 0, and the roll angle would jump by 2 pi.
+    Here, quaternions have x >= 0, and roll angles are in [0, 2 pi).
     """
     values = to_format(q, form)
     if form in ("quaternion_wxyz", "quaternion_xyzw"):

@@ -1,8 +1,8 @@
-"""Parsing and checking of requests to a betterbench server. A request contains an observation in one of two layouts.
+"""Parsing and validation of requests to a betterbench policy server.
 
-The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send openpi's LIBERO
-layout, which has two images, eight numbers and the instruction. The latter lacks joint angles, which are therefore set
-to NaN, so that no policy can mistake them for measurements.
+A request contains an observation in one of two layouts. The *native* layout (keys ``better/...``) contains the complete
+:class:`Observation`. openpi's LIBERO layout contains two images, an eight-dimensional state and the instruction. It
+lacks joint positions, which are therefore set to NaN, so that they cannot be mistaken for measurements.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # so that the process of a policy does not import the tasks
+if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
 
 _MOST_LISTS = 3
@@ -28,27 +28,27 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Largest allowed absolute value of the positions, angles and speeds of a robot [m, rad, m/s, rad/s].
+"""Largest allowed absolute value of positions, angles and velocities [m, rad, m/s, rad/s].
 
-Squares of much larger numbers would overflow.
+The square of a much larger number would overflow.
 """
 _MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
-"""Number of values of each measurement. None stands for one value per joint of the client's robot."""
+"""Number of values of each measurement. None means one value per joint of the client's robot."""
 _MOST_JOINTS = 32
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Client request whose content has been checked.
+    """Validated request of a client.
 
     Attributes:
         instruction: Instruction for the policy.
         step: Number of control steps since the reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
-        trial: Trial that the client names, or None. Only the server of an expert needs it.
-        observation: Observation of the client, or None if the client sends neither joints nor a state.
-        measured: Whether the observation contains joint angles. If so, they are compared with those of the shadow
+        trial: Trial that the client evaluates, or None if the client does not send it. Only experts need the trial.
+        observation: Observation of the client, or None if the client sends neither joint positions nor a state.
+        measured: Whether the observation contains joint positions. If so, the server compares them with its shadow
             simulation.
     """
 
@@ -61,11 +61,14 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Parse a request. Raises InvalidInputError if a field is missing or malformed. The message names the field."""
+    """Parse a request in the native layout or in openpi's LIBERO layout.
+
+    Raises InvalidInputError if a field is missing or malformed. The message names the field.
+    """
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
-        instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
+        instruction = instruction.item()  # openpi's transforms convert the prompt to an array
     if not isinstance(instruction, str) or not instruction.strip():
         raise InvalidInputError("prompt", "the instruction is missing", "Send the instruction as a string")
     step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
@@ -83,9 +86,9 @@ def read_request(message: Mapping[Any, Any]) -> Request:
 
 
 def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
-    """Parse the instruction and, if present, the control step of a request in the layout of an adapter.
+    """Parse a request in the layout of an adapter. Only the instruction and, if present, the control step are read.
 
-    Raises InvalidInputError if the instruction is missing or malformed. The message names the field.
+    Raises InvalidInputError if one of them is missing or malformed. The message names the field.
     """
     instruction = _entry(message, layout.instruction.key)
     for _ in range(_MOST_LISTS):
@@ -101,10 +104,10 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
 
 
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
-    """Return the states contained in a request in the layout of an adapter, each with its values as (size,) float64.
+    """Return the states in a request in the layout of an adapter, each with its rule and its values (size,) float64.
 
-    If all values of all states are zero, the states are treated as missing. Raises InvalidInputError if a state is
-    malformed. The message names the field.
+    If all values of all states are zero, they are treated as placeholders, and the result is an empty list. Raises
+    InvalidInputError if a state is malformed. The message names the field.
     """
     found = []
     for rule in layout.states:
@@ -123,14 +126,14 @@ def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
-    """Return the start of the episode as described by a client. Also return the trial if the client names one."""
+    """Parse the start of an episode, and the trial if the client sends it."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
             "better/episode", f"expected a map, got a {type(form).__name__}", "Send a map with action_space and episode"
         )
     trial = None
     if {"task", "condition", "seed"} & set(form):
-        from betterbench.tasks import TrialId  # noqa: PLC0415 - only the clients of an expert name their trial
+        from betterbench.tasks import TrialId  # noqa: PLC0415 - needed only for experts
 
         seed = _whole(form.get("seed"), "better/episode: seed")
         trial = TrialId(_name(form, "task"), _name(form, "condition"), seed)
@@ -202,10 +205,10 @@ def _whole(value: object, where: str) -> int:
 
 
 def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
-    """Convert a value to a flat float64 array, and check that its numbers could be measurements of a robot.
+    """Convert a value to a flat float64 array, and check that it contains plausible measurements of a robot.
 
-    They must be finite and within the possible range of measurements. ``count`` is the required number of values. With
-    None, there must be one value per joint, at most 32.
+    All values must be finite and within the allowed range. ``count`` is the required number of values. With None, from
+    1 to 32 values are accepted, one per joint.
     """
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only

@@ -1,10 +1,10 @@
-"""Rotation formats of policies, with conversions to and from betterbench's quaternions.
+"""Conversion between the rotation formats of policies and betterbench's quaternions (w, x, y, z).
 
-A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
-conversion in this module therefore normalizes to w >= 0 with :func:`betterbench.geometry.normalize`. This is suitable
-for actions, whose rotations are small. In states, the rotation of the tool is close to a half turn, where this rule
-would cause jumps. States are therefore converted by ``_rotation`` in
-:mod:`betterbench.policies.conventions.proprioception`.
+A quaternion and its negative describe the same rotation, but a quaternion with w < 0 corresponds to a rotation vector
+longer than pi. All conversions in this module therefore normalize quaternions to w >= 0 with
+:func:`betterbench.geometry.normalize`. This is suitable for the small rotations in actions. The rotation of the tool in
+a state is usually close to 180 degrees, where this normalization would cause jumps. States are therefore converted by
+``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ RotationFormat = Literal[
     "rotation_6d_interleaved",
     "matrix",
 ]
-"""Rotation format.
+"""Name of a rotation format.
 
-``rpy`` are angles [rad] about the fixed axes x, y and z, in this order. ``rotation_6d`` contains the first column of
-the rotation matrix, then the second (Zhou et al. 2019). ``rotation_6d_rows`` contains the first two rows instead
-(pytorch3d, GR00T). ``rotation_6d_interleaved`` contains the first two columns read row by row (simulators of
-vla-evaluation-harness). ``matrix`` contains the nine numbers of the matrix row by row.
+``rpy`` are angles [rad] about the fixed axes x, y and z, in this order. ``axis_angle`` is a rotation vector [rad].
+``rotation_6d`` contains the first column of the rotation matrix, then the second (Zhou et al. 2019).
+``rotation_6d_rows`` contains the first two rows (pytorch3d, GR00T). ``rotation_6d_interleaved`` contains the first two
+columns in row-major order (simulators of vla-evaluation-harness). ``matrix`` is the rotation matrix in row-major order.
 """
 
 ROTATION_SIZES: dict[RotationFormat, int] = {
@@ -49,7 +49,7 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Convert a quaternion to a rotation format. Raises ValueError if the quaternion is zero."""
+    """Convert a quaternion (w, x, y, z) to another rotation format. Raises ValueError if the quaternion is zero."""
     w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]
@@ -119,8 +119,8 @@ def to_matrix(q: Quaternion) -> np.ndarray:
 def from_matrix(matrix: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix (3, 3).
 
-    The largest of the four components is computed first, and the others are computed from it. In this way, no square
-    root of a number near zero is needed.
+    The largest of the four components is computed first, and the others are derived from it. This avoids a loss of
+    precision when other components are near zero.
     """
     m = matrix
     t = (
@@ -136,10 +136,7 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return a rotation matrix whose first column points along one vector and whose second is close to another.
-
-    The second vector is made orthogonal to the first vector.
-    """
+    """Return a rotation matrix from its approximate first two columns by Gram-Schmidt orthonormalization."""
     length = float(np.linalg.norm(first))
     if length < 1e-9:
         raise ValueError("a matrix with a zero column is not a rotation")

@@ -1,1 +1,1 @@
-"""Message encodings and sockets for policy protocols: msgpack, JSON, torch tensors and websockets."""
+"""Message encodings (msgpack, JSON, torch) and websocket connections for the protocols of policy servers."""

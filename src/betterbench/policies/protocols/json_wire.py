@@ -1,8 +1,9 @@
-"""Encoding of the bodies of ``POST /act`` requests and replies: JSON, with arrays in the format of json-numpy.
+"""Encoding and decoding of the JSON bodies of ``POST /act`` requests and replies.
 
-An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body contains that map itself,
-or a string with the JSON text of the map. Like the messages in :mod:`betterbench.policies.protocols.wire`, bodies are
-not trusted: decoding any bytes gives a value or a :class:`PolicyError`.
+In the format of json-numpy, an array is a map with the base64-encoded bytes (``__numpy__``), the dtype and the shape.
+Some servers expect a string with the JSON text of this map instead of the map. As in
+:mod:`betterbench.policies.protocols.wire`, received bodies are not trusted: for any bytes, the decoder returns a value
+or raises a :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -18,22 +19,26 @@ from betterbench.json_form import unique_keys
 from betterbench.policies.protocols.wire import MAX_DEPTH, is_image, png_of, read_array, require_depth
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
-"""Size of the largest body that is accepted [bytes].
+"""Maximum size of a received body [bytes].
 
-100 actions take about 15 kB. The limit is low because empty lists take 20 times as much memory as they have bytes.
+A chunk of 100 actions takes about 15 kB. The limit is low because an empty list takes about 20 times as much memory as
+its JSON text.
 """
 
 ArrayCoding = Literal["map", "text", "png"]
-"""Encoding of arrays in a body: "map" for a map (OpenVLA), "text" for a string with the JSON text of the map (X-VLA),
-"png" for a list of numbers, and for images a base64-encoded PNG file (Dexbotic).
+"""Encoding of arrays in a body.
+
+"map": a json-numpy map (OpenVLA). "text": a string with the JSON text of this map (X-VLA). "png": a base64-encoded PNG
+file for images, and nested lists of numbers for all other arrays (Dexbotic).
 """
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
-    """Encode a value as a body. The value consists of maps, lists, strings, numbers, None and NumPy arrays of numbers.
+    """Encode a value as a JSON body.
 
-    If ``encoded`` is True, the body is a map with the single key ``encoded`` and the JSON text of the value. Some
-    servers accept arrays only in this form. Raises InvalidInputError for values of other types.
+    The value may contain dicts, lists, strings, numbers, None and NumPy arrays of numbers. If ``encoded`` is True, the
+    body is a map with the single key ``encoded``, whose value is the JSON text of ``value``. Some servers accept arrays
+    only in this form. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:
@@ -57,10 +62,10 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Decode a body. The arrays in the returned value are read-only.
+    """Decode a JSON body. The arrays in the result are read-only.
 
-    A string that contains the JSON text of a value is decoded, too. Raises PolicyError if the body is malformed, nested
-    too deeply, or larger than ``MAX_BODY_BYTES``.
+    If the body is a string that contains JSON text, this text is decoded as well. Raises PolicyError if the body is
+    malformed, nested too deeply, or larger than ``MAX_BODY_BYTES``.
     """
     try:
         if len(data) > MAX_BODY_BYTES:

@@ -1,9 +1,10 @@
-"""Reader for files written by torch. It does not run code that such a file may contain.
+"""Safe reader for messages written by ``torch.save``.
 
-Being-H's servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
-the sender chooses. Here, answers are read with ``torch.load(weights_only=True)``, which calls only functions from a
-list of permitted functions. In this list, NumPy's constructors are replaced by functions of this module that only store
-their arguments. Arrays are then built from plain bytes, with the same checks as in all other protocols.
+Being-H's servers write messages with ``torch.save`` and read them with ``torch.load(weights_only=False)``, which runs
+any code that the sender includes. This module reads answers with ``torch.load(weights_only=True)``, which calls only
+functions from a list of permitted functions. In this list, NumPy's constructors are replaced by classes of this module
+that only store their arguments. Arrays are then built from the raw bytes, with the same checks as in all other
+protocols.
 """
 
 from __future__ import annotations
@@ -24,9 +25,8 @@ from betterbench.installation import missing_extra
 from betterbench.policies.protocols.wire import MAX_DEPTH, MAX_FRAME_BYTES, MAX_VALUES
 
 OLDEST_TORCH = (2, 10)
-"""Oldest version of PyTorch whose ``weights_only`` reader is trusted.
-
-In older versions, a file can corrupt memory (CVE-2026-24747).
+"""Oldest supported version of PyTorch. In older versions, a file can corrupt memory even with ``weights_only=True``
+(CVE-2026-24747).
 """
 
 _ZIP = b"PK\x03\x04"
@@ -37,7 +37,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Replacement for numpy.dtype that only stores the name of the type and the byte order."""
+    """Replacement for numpy.dtype during loading. It only stores the type name and the byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -53,7 +53,7 @@ class _Kind:
 
 
 class _Array:
-    """Replacement for numpy.ndarray that only stores the data from which the array is built later."""
+    """Replacement for numpy.ndarray during loading. It only stores the pickled state of the array."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
@@ -82,7 +82,7 @@ class _Array:
 
 
 class _Scalar:
-    """Replacement for a NumPy number that only stores its type and its bytes."""
+    """Replacement for a NumPy scalar during loading. It only stores the type and the bytes."""
 
     def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
         self.kind, self.data = kind, data
@@ -97,11 +97,11 @@ class _Scalar:
 
 
 def _no_bytes(*_: object) -> bytes:
-    """Return an empty bytes object. This replaces the constructor of bytes, which the file of an empty array calls."""
+    """Return an empty bytes object. It replaces the constructor ``bytes``, which is called for empty arrays."""
     return b""
 
 
-# NumPy 2 writes the module name numpy._core, NumPy 1 writes numpy.core.
+# Pickles contain the module name numpy._core if they were written by NumPy 2, and numpy.core for NumPy 1.
 _STAND_INS = [
     (_Kind, "numpy.dtype"),
     (_Array, "numpy.ndarray"),
@@ -112,9 +112,9 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return the module torch.
+    """Import torch.
 
-    Raises MissingDependencyError if it is missing or too old to read untrusted data safely.
+    Raises MissingDependencyError if torch is not installed, or if its version is too old to read untrusted data safely.
     """
     try:
         torch = importlib.import_module("torch")
@@ -137,7 +137,7 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
 
 
 def write_torch(value: object) -> bytes:
-    """Serialize a value with torch.
+    """Serialize a value with ``torch.save``.
 
     Raises MissingDependencyError if torch is not installed, and InvalidInputError if the value cannot be serialized.
     """
@@ -153,9 +153,10 @@ def write_torch(value: object) -> bytes:
 
 
 def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
-    """Return the content of a file written by torch: maps with string keys, lists, strings, numbers and NumPy arrays.
+    """Decode a message written by ``torch.save``, without running code that the message may contain.
 
-    Raises MissingDependencyError if torch is not installed, and PolicyError if the file is malformed, too large, or
+    The result consists of dicts with string keys, lists, strings, numbers and NumPy arrays. Raises
+    MissingDependencyError if torch is not installed, and PolicyError if the message is malformed, too large, or
     contains values of any other type.
     """
     torch = import_torch()
@@ -165,8 +166,8 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
             loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         return _Reader(torch).plain(loaded)
     except Exception as error:
-        # Any error raised by torch's reader is caused by the received bytes. The message is shortened, because it
-        # begins with the advice to unpickle the file anyway.
+        # All errors raised by torch's reader are caused by the received bytes. The beginning of torch's message is
+        # removed, because it advises users to load the file with weights_only=False.
         problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
         named = re.search(r"GLOBAL ([\w.]+)", problem)
         reason = f"the file would call {named.group(1)}, which is not allowed" if named else problem[:200]
@@ -190,15 +191,15 @@ def _survey(data: bytes) -> None:
             raise ValueError("the file is compressed")
         if sum(e.file_size for e in entries) > MAX_FRAME_BYTES:
             raise ValueError("the entries of the file overlap")
-        # This is the only function allowed by torch that can allocate any amount of memory for a few bytes.
+        # bytearray is the only permitted function that can allocate a large amount of memory from a few bytes.
         if any(_HOARDER in archive.read(e) for e in entries if e.filename.endswith(".pkl")):
             raise ValueError("the file contains a bytearray")
 
 
 class _Reader:
-    """Conversion of a decoded file to plain values.
+    """Conversion of the loaded objects to dicts, lists, numbers, strings and NumPy arrays.
 
-    The number of values is limited, because a file can use references to repeat a value many times.
+    The number of values is limited, because a small file can repeat a value many times with references.
     """
 
     def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module
@@ -232,9 +233,9 @@ class _Reader:
         if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
             raise ValueError("the file contains a tensor that is sparse, too large or not on the CPU")
         if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
-            # A tensor that was expanded from a few bytes is rejected, because a copy would need much more memory.
-            raise ValueError("the file contains a tensor that is larger than its bytes")
-        # bfloat16, in which policies often compute, is converted, since NumPy does not have it.
+            # Reject tensors that were expanded from a smaller storage, because a copy would need much more memory.
+            raise ValueError("the file contains a tensor that is larger than its storage")
+        # NumPy does not support bfloat16, so convert it to float32.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 
     def _counted(self, array: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Websocket connection that sends and receives complete messages before a deadline. Failures raise OSError."""
+"""Websocket client that sends and receives complete messages with deadlines."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ _TOO_LARGE = 1009
 
 
 class WebSocket:
-    """Connection to a websocket server."""
+    """Connection to a websocket server. All methods except :meth:`close` raise OSError if the connection breaks."""
 
     def __init__(
         self, address: PolicyAddress, *, timeout_s: float, key: str | None = None, max_bytes: int = MAX_FRAME_BYTES
     ) -> None:
         """Connect to the server.
 
-        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server rejects the key or is
-        not a websocket server.
+        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server rejects the key,
+        redirects the client, or has no websocket at the path.
         """
         host, port = address.server()
         name = f"[{host}]" if ":" in host else host
@@ -42,11 +42,11 @@ class WebSocket:
         self._where, self._path = address.server_name, address.path
         self._max_bytes = max_bytes
         self._stack = contextlib.ExitStack()
-        self._mark: threading.Event | None = None  # set when the server has answered the last ping
+        self._mark: threading.Event | None = None  # the library sets this event when the pong for the last ping arrives
         self._pongs = True
         raw: socket.socket | None = None
         try:
-            # Given a connected socket, the library does not follow redirects to other servers.
+            # The library follows redirects to other servers unless it is given a connected socket.
             raw = socket.create_connection((host, port), timeout_s)
             raw.settimeout(None)
             self._socket: Connection = self._stack.enter_context(
@@ -58,7 +58,8 @@ class WebSocket:
                     additional_headers={} if key is None else {"Authorization": f"Api-Key {key}"},
                     open_timeout=timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
-                    # Servers do not answer pings during inference; the deadline of the request detects a dead server.
+                    # No automatic pings, because many servers do not answer them during inference. A dead server is
+                    # detected by the deadline of the request.
                     ping_interval=None,
                     proxy=None,
                     logger=quiet_logger(),
@@ -70,15 +71,12 @@ class WebSocket:
             raise self._not_connected(error) from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
-        """Send one binary message. Raises OSError if the connection broke or the message was not sent in time."""
+        """Send a binary message. Raises OSError if the connection breaks or the message cannot be sent in time."""
         with self._cut_after(timeout_s, "the server accepts no more data"):
             self._socket.send(message)
 
     def receive(self, timeout_s: float) -> bytes | str:
-        """Return the next message.
-
-        Raises OSError if none arrives in time, and PolicyError if the message is too large.
-        """
+        """Return the next message. Raises OSError if none arrives in time, and PolicyError if it is too large."""
         seconds = max(0.0, timeout_s)
         try:
             with self._cut_after(seconds + _GRACE_S, "no answer in time"):
@@ -87,10 +85,10 @@ class WebSocket:
             raise TimeoutError("no answer in time") from error
 
     def mark_end_of_answer(self) -> None:
-        """Remember that the last request has been answered, and send a ping without waiting for the pong.
+        """Send a ping after an answer, without waiting for the pong.
 
-        Messages arrive in order. When the pong arrives, everything that the server sent before the pong has arrived as
-        well.
+        Messages arrive in order, so all messages that the server has sent before the pong arrive before it.
+        :meth:`refuse_unasked` uses this to detect further answers.
         """
         if self._pongs:
             with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server accepts no more data"):
@@ -99,9 +97,9 @@ class WebSocket:
     def refuse_unasked(self) -> None:
         """Raise ConnectionError if the server has sent another message after its last answer.
 
-        If the server answered a request twice, the second answer would be mistaken for the answer to the next request,
-        and all later answers would be shifted by one. If a server never sends pongs, this method waits for a pong only
-        once.
+        If a server answers a request twice, the second answer would be mistaken for the answer to the next request, and
+        all later answers would be shifted by one. The method waits for the pong of :meth:`mark_end_of_answer`. If the
+        pong does not arrive within 1 s, no more pings are sent on this connection.
         """
         mark, self._mark = self._mark, None
         if mark is not None and not mark.wait(_PONG_S):
@@ -114,9 +112,9 @@ class WebSocket:
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
-        """Close the connection if the first exchange of messages fails.
+        """Context manager for the first exchange of messages, which closes the connection if the exchange fails.
 
-        ``silence`` is the text of the error that is raised if the server sends nothing in time.
+        ``silence`` is the message of the TimeoutError that is raised if the server sends nothing in time.
         """
         try:
             yield
@@ -128,7 +126,7 @@ class WebSocket:
             raise
 
     def close(self) -> None:
-        """End the connection. No error is raised."""
+        """Close the connection. Errors are ignored."""
         with (
             contextlib.suppress(OSError, PolicyError),
             self._cut_after(_CLOSE_TIMEOUT_S + _GRACE_S, "the server does not close"),
@@ -137,20 +135,20 @@ class WebSocket:
 
     @contextlib.contextmanager
     def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
-        """Break the connection and raise TimeoutError if the body of this context takes too long.
+        """Context manager that shuts down the connection if its body takes longer than ``timeout_s`` [s].
 
-        The websocket library uses one lock for everything that it sends, including answers to pings, and waits for this
-        lock without a deadline. A server that sends pings but does not read would therefore block it forever.
+        The websocket library uses one lock for all outgoing data, including answers to pings, and waits for this lock
+        without a deadline. A server that sends pings but does not read could therefore block the client forever.
 
         Raises:
-            OSError: If the connection is broken or the time limit has passed.
-            PolicyError: If this side closed the connection because a message was too large.
+            OSError: If the connection breaks or the time limit has passed. ``what`` is the message in the latter case.
+            PolicyError: If the client has closed the connection because a message was too large.
         """
         late = threading.Event()
 
         def cut() -> None:
             late.set()
-            # The underlying socket is shut down directly, because the method of an encrypted socket would wait for the
+            # Call the shutdown method of socket.socket, because the method of an encrypted socket would wait for the
             # server.
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)
@@ -168,12 +166,12 @@ class WebSocket:
             timer.cancel()
 
     def _not_connected(self, error: Exception) -> Exception:
-        """Return the error to raise for a connection that could not be established."""
+        """Convert an error of the websocket library to the error that is raised if the connection cannot be opened."""
         answer = error if isinstance(error, InvalidStatus) else error.__context__
         if isinstance(answer, InvalidStatus):
             status = answer.response.status_code
             if status in _REFUSED:
-                # A server on FastAPI (vLLM-Omni) also answers 403 for an unknown path.
+                # Servers based on FastAPI, such as vLLM-Omni, also return 403 for an unknown path.
                 other = (
                     ""
                     if status != _FORBIDDEN
@@ -196,13 +194,13 @@ class WebSocket:
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not a websocket address ({error}).")
-        # An assertion in the library may fail if a server sends data before the handshake.
-        return ConnectionError(f"the server there is not a websocket server ({error})")
+        # The error may be an AssertionError of the library, which occurs if a server sends data before the handshake.
+        return ConnectionError(f"the server is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:
-        """Return the error to raise for a broken connection.
+        """Convert an error of the websocket library to the error that is raised if the connection breaks.
 
-        Raises PolicyError if this side closed the connection because a message was too large.
+        Raises PolicyError if the client has closed the connection because a message was too large.
         """
         if error.sent is not None and error.sent.code == _TOO_LARGE:
             raise PolicyError(f"{self._where} sent a message of more than {self._max_bytes} bytes.") from error
@@ -213,7 +211,7 @@ class WebSocket:
 
 
 def quiet_logger() -> logging.Logger:
-    """Return a logger for the websocket library that does not print tracebacks of port scans and failed handshakes."""
+    """Return a logger for the websocket library that suppresses tracebacks of port scans and failed handshakes."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet

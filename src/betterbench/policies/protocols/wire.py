@@ -1,13 +1,13 @@
-"""Conversion between values and bytes, using the variants of msgpack that policy servers support.
+"""Encoding and decoding of messages in the variants of msgpack that policy servers use.
 
-All variants send maps of strings, numbers and arrays, but they mark arrays in different ways: as in openpi's client, as
-in vla-evaluation-harness, as .npy files (GR00T up to N1.6), or as in the package msgpack-numpy. The last variant,
-``nd``, is used by GR00T N1.7 and by some servers with openpi's protocol.
+In all variants, a message is a map of strings, numbers and arrays, but arrays are encoded in different ways: as in
+openpi's client, as in vla-evaluation-harness, as .npy files (GR00T up to N1.6), or as in the package msgpack-numpy. The
+last variant, ``nd``, is used by GR00T N1.7 and by some servers with openpi's protocol.
 
-Messages are not trusted. Decoding any bytes gives a value or a :class:`PolicyError`, and the memory that it takes is at
-most a few times the size of the message. The depth and the number of values are checked before decoding. An array must
-have exactly as many bytes as its type and shape require. The size of an image is checked before the image is
-decompressed.
+Received messages are not trusted. For any bytes, the decoders return a value or raise a :class:`PolicyError`, and they
+need at most a few times as much memory as the size of the message. The nesting depth and the number of values are
+checked before decoding. The number of bytes of an array must match its type and shape. The size of an image is checked
+before the image is decompressed.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.json_form import unique_keys
 
 MAX_FRAME_BYTES = 256 * 1024 * 1024
-"""Size of the largest message that is accepted [bytes]. It corresponds to about 1,300 images of 256 x 256 pixels."""
+"""Maximum size of a message [bytes]. It corresponds to about 1,300 images of 256 x 256 pixels."""
 
 MAX_VALUES = 200_000
-"""Maximum number of values in a message. Elements of arrays do not count."""
+"""Maximum number of values in a message. An array counts as one value."""
 
 MAX_DEPTH = 32
-"""Maximum depth to which lists and maps in a message are nested."""
+"""Maximum nesting depth of lists and maps in a message."""
 
 MAX_DECLARED_BYTES = 4 * 1024 * 1024
-"""Size of the largest declaration that a server may send [bytes].
+"""Maximum size of the declaration that a server sends in the handshake [bytes].
 
-The statistics of many data sets take about 100 kB.
+A declaration with the normalization statistics of many data sets takes about 100 kB.
 """
 
 MAX_DECLARED_DEPTH = 16
-"""Maximum depth to which lists and maps in a declaration are nested."""
+"""Maximum nesting depth of lists and maps in a declaration."""
 
 MAX_PIXELS = 4096 * 4096
-"""Number of pixels of the largest image that is decompressed."""
+"""Maximum number of pixels of a compressed image."""
 
 _MAX_AXES = 16
 _MAX_LENGTH = 2**40
@@ -64,7 +64,7 @@ _NAMES = {
     np.dtype(code).name: np.dtype(code).str
     for code in ("b1", *(f"{k}{n}" for k in "iu" for n in "1248"), *("f2", "f4", "f8"))
 }
-"""Names of number types ("float32"), which some servers send instead of NumPy's type codes ("<f4"), and their codes."""
+"""NumPy type code, such as "<f4", by type name, such as "float32". Some servers send names instead of codes."""
 
 _PLAIN_KINDS = ("", *"biufSU")
 
@@ -73,18 +73,18 @@ _UNREADABLE = (
     *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError),
     *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
 )
-"""Exceptions that the decoders raise for a message that they cannot read."""
+"""Exceptions that may occur while a malformed message is decoded."""
 
 OpenpiArrays = Literal["openpi", "nd"]
 """Encoding of arrays in an openpi request: as in openpi's own client, or as in the package msgpack-numpy."""
 
 ImageCoding = Literal["raw", "png", "jpeg"]
-"""Encoding of uint8 images in vla-eval's protocol: not compressed, compressed without loss, or compressed with loss."""
+"""Encoding of uint8 images in vla-eval's protocol: uncompressed, PNG (lossless) or JPEG (lossy)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """Configuration of one modality of a GR00T server, with the time steps and names of its inputs or outputs."""
+    """Configuration of a modality of a GR00T server: time steps and names of its inputs or outputs."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
@@ -94,24 +94,27 @@ class ModalityConfig:
 
 
 def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
-    """Encode a value as a message of openpi's protocol. Arrays are marked as in openpi's client or as in msgpack-numpy.
+    """Encode a value as a message of openpi's protocol.
 
-    A value is a dict, list, string, bytes object, number or None, or a NumPy array of numbers, booleans or strings.
-    Raises InvalidInputError for values of other types.
+    The value may contain dicts, lists, strings, bytes, numbers, None, and NumPy arrays of numbers, booleans or strings.
+    ``arrays`` selects the encoding of arrays. Raises InvalidInputError for values of other types.
     """
     return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a message of openpi's protocol. Arrays are read-only. Raises PolicyError if the message is malformed.
+    """Decode a message of openpi's protocol. Arrays in the result are read-only.
 
-    Arrays may be marked as in openpi's client or as in msgpack-numpy.
+    Arrays may be encoded as in openpi's client or as in msgpack-numpy. Raises PolicyError if the message is malformed.
     """
     return _decode(data, "openpi", _read_openpi)
 
 
 def marks_arrays_as_nd(data: bytes) -> bool:
-    """Return whether a valid message contains arrays or numbers in the format of msgpack-numpy."""
+    """Return whether a message contains arrays or numbers in the format of msgpack-numpy.
+
+    Raises PolicyError if the message is malformed.
+    """
     found: list[bool] = []
 
     def note(form: dict[Any, Any]) -> object:
@@ -140,7 +143,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
             raise ValueError(f"expected a number or string as scalar, got {type(value).__name__}")
-        with np.errstate(over="ignore"):  # a number that is too large becomes infinite and is rejected later
+        with np.errstate(over="ignore"):  # a number that is too large for the type becomes infinite
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
 
@@ -157,9 +160,10 @@ def _mark_nd(thing: object) -> object:
 
 
 def _is_nd(form: Mapping[Any, Any]) -> bool:
-    """Return whether a map represents an array or a number.
+    """Return whether a map represents an array or a number in the format of msgpack-numpy.
 
-    A map whose keys are strings may also be an ordinary map.
+    msgpack-numpy uses bytes as keys, but some servers use strings. String keys may also occur in other maps, so more
+    keys are checked in this case.
     """
     return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
 
@@ -167,8 +171,8 @@ def _is_nd(form: Mapping[Any, Any]) -> bool:
 def _read_nd(form: Mapping[Any, Any]) -> object:
     """Decode an array or a number in the format of msgpack-numpy. The keys of the map may be bytes or strings.
 
-    In msgpack-numpy itself, the entry ``kind`` of an array is empty. Other implementations store the letter of the type
-    in it.
+    msgpack-numpy leaves the entry ``kind`` of an array empty, but other implementations set it to the kind of the NumPy
+    dtype, such as "f".
     """
     whole = {name: form.get(name.encode(), form.get(name)) for name in ("nd", "type", "kind", "shape", "data")}
     kind = b"" if whole["kind"] is None else whole["kind"]
@@ -188,10 +192,10 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
 
 
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
-    """Encode a value as a message of vla-evaluation-harness. Arrays of strings are not supported.
+    """Encode a value as a message of vla-evaluation-harness.
 
-    ``images`` selects the encoding of uint8 arrays with shape (height, width, 3 or 4). Raises the errors of
-    :func:`encode_openpi`.
+    ``images`` selects the encoding of images, which are arrays (height, width, 3 or 4) uint8. Raises InvalidInputError
+    for values that :func:`encode_openpi` does not accept, and for arrays of strings.
     """
 
     def mark(thing: object) -> object:
@@ -229,7 +233,7 @@ def _read_vla_eval(form: dict[Any, Any]) -> object:
 
 
 def is_image(array: np.ndarray, *, channels: tuple[int, ...] = (3,)) -> bool:
-    """Return whether an array has the type and shape of an image, which is (height, width, channels) uint8."""
+    """Return whether an array has the type and shape of an image: (height, width, channels) uint8."""
     return array.ndim == 3 and array.dtype == np.uint8 and array.shape[2] in channels and array.size > 0
 
 
@@ -239,13 +243,13 @@ def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
 
 
 def png_of(image: np.ndarray) -> bytes:
-    """Return the PNG file of an image (height, width, 3 or 4) uint8."""
-    # At zlib level 1, a 256 x 256 image takes 2 ms instead of 10 ms, and 10 % more bytes.
+    """Encode an image (height, width, 3 or 4) uint8 as a PNG file."""
+    # With compression level 1, encoding a 256 x 256 image takes 2 ms instead of 10 ms, but the file is 10 % larger.
     return _file_of(image, "PNG", compress_level=1)
 
 
 def _file_of(image: np.ndarray, coding: str, **options: int) -> bytes:
-    from PIL import Image  # noqa: PLC0415 - most servers get images as plain arrays
+    from PIL import Image  # noqa: PLC0415 - Pillow is needed only for compressed images
 
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, coding, **options)
@@ -280,13 +284,14 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
 def encode_gr00t(value: object) -> bytes:
     """Encode a value as a message for a GR00T server.
 
-    The value may contain modality configurations. Raises the errors of :func:`encode_openpi`.
+    In addition to the types that :func:`encode_openpi` accepts, the value may contain :class:`ModalityConfig` objects.
+    Raises InvalidInputError for values of other types.
     """
     return _encode(value, _mark_gr00t)
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a message of any release of GR00T. Raises PolicyError if it is malformed."""
+    """Decode a message of GR00T N1.5, N1.6 or N1.7. Raises PolicyError if it is malformed."""
     return _decode(data, "GR00T", _read_gr00t)
 
 
@@ -306,15 +311,16 @@ def _mark_gr00t(thing: object) -> object:
 def _read_gr00t(form: dict[Any, Any]) -> object:
     if "__ndarray_class__" in form:
         return _npy(form.get("as_npy"))
-    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # up to N1.6, and in N1.7
+    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # keys of N1.5 and N1.6, and of N1.7
         return _modality(form.get("as_json"))
-    return _read_nd(form) if _is_nd(form) else form  # N1.7
+    return _read_nd(form) if _is_nd(form) else form  # array format of N1.7
 
 
 def _npy(data: object) -> np.ndarray:
-    """Read the bytes of a .npy file in the format that NumPy writes.
+    """Decode an array from the bytes of a .npy file.
 
-    The header is not evaluated as Python code, and nothing is unpickled.
+    ``numpy.load`` parses the header as Python code. This function matches it with a regular expression instead, and
+    never unpickles objects.
     """
     if not isinstance(data, bytes):
         raise TypeError(f"expected a .npy file as bytes, got {type(data).__name__}")
@@ -333,7 +339,7 @@ def _npy(data: object) -> np.ndarray:
 
 
 def _modality(form: object) -> ModalityConfig:
-    if isinstance(form, str):  # N1.5 sends the JSON text, N1.6 the map
+    if isinstance(form, str):  # N1.5 sends JSON text, N1.6 sends a map
         if len(form) > _MAX_JSON:
             raise ValueError("a modality config is too long")
         form = json.loads(form, object_pairs_hook=unique_keys)
@@ -364,7 +370,7 @@ def _refuse(thing: object) -> object:
 
 
 def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
-    """Return a C-ordered array that can be sent. Raises TypeError if the type of the array cannot be encoded."""
+    """Return the array in C order. Raises TypeError if its dtype cannot be encoded."""
     too_long = array.dtype.kind == "f" and array.dtype.itemsize > 8
     if too_long or array.dtype.kind not in ("biufSU" if texts else "biuf"):
         raise TypeError(f"an array of {array.dtype} cannot be encoded")
@@ -374,8 +380,8 @@ def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
 def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object]) -> object:
     try:
         _survey(data)
-        # Keys must be str or bytes. Other keys are not needed, and building a dict from integer keys with the same hash
-        # would take quadratic time.
+        # strict_map_key allows only str and bytes as keys. With other keys, a malicious server could send many keys
+        # with equal hashes, and building the dict would take quadratic time.
         return msgpack.unpackb(
             data,
             object_pairs_hook=lambda pairs: hook(unique_keys(pairs)),
@@ -389,7 +395,7 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
 
 
 def require_depth(value: object, most: int) -> None:
-    """Raise ValueError if the lists and maps in a decoded value are nested deeper than ``most``."""
+    """Raise ValueError if the lists and maps in a decoded value are nested deeper than ``most`` levels."""
     level = [value]
     for _ in range(most + 1):
         holders = [v for v in level if isinstance(v, (list, tuple, Mapping))]
@@ -403,8 +409,9 @@ def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
-# Tokens of msgpack by their first byte. _FIXED: number of bytes that follow. _SIZED: size of the length field.
-# _HOLDERS: size of the count field, and number of values per count.
+# msgpack tokens, by first byte. _FIXED: number of bytes that follow the first byte. _SIZED: number of bytes of the
+# length field of a string or bytes object. _HOLDERS: for lists and maps, number of bytes of the count field, and number
+# of values per counted item (1 for lists, 2 for maps).
 _FIXED = dict(
     zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
 )
@@ -413,19 +420,19 @@ _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 
 
 def _survey(data: bytes) -> None:
-    """Check the structure of a message before its values are decoded.
+    """Check the structure of a message before it is decoded.
 
-    An empty list takes one byte in the message but 56 bytes in memory, and nested lists take stack space. The number
-    and the depth of lists are therefore limited before the decoder allocates memory.
+    An empty list takes one byte in a message but 56 bytes in memory, and nested lists use stack space. The number of
+    values and the nesting depth are therefore checked before the decoder allocates memory.
 
     Raises:
         ValueError: If the message is incomplete, has extra bytes, is nested too deeply, has too many values, or
-            contains an extension of msgpack.
+            contains an extension type of msgpack.
     """
     at, values, end = 0, 0, len(data)
     if end > MAX_FRAME_BYTES:
         raise ValueError(f"the message is larger than {MAX_FRAME_BYTES} bytes")
-    left = [1]  # number of values that are still to come on each level
+    left = [1]  # number of remaining values, by nesting level
     while left:
         if left[-1] == 0:
             left.pop()
@@ -446,7 +453,10 @@ def _survey(data: bytes) -> None:
 
 
 def _token(data: bytes, at: int) -> tuple[int, int]:
-    """Return the number of values that the msgpack token at offset ``at`` contains, and the next token's offset."""
+    """Return the offset of the token after the msgpack token at ``at``, and the number of values that it contains.
+
+    The number is 0 unless the token begins a list or a map.
+    """
     token = data[at]
     at += 1
     if token < 0x80 or token >= 0xE0:
@@ -484,10 +494,10 @@ def _shape(given: object) -> tuple[int, ...]:
 
 
 def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
-    """Return a read-only array in native byte order, given its bytes, a NumPy type code and a shape.
+    """Create a read-only array in native byte order from its bytes, NumPy type code (or name) and shape.
 
-    The elements must be plain numbers or, if ``texts`` is True, strings. Raises ValueError or TypeError if the type is
-    not allowed or does not match the bytes and the shape.
+    The elements must be numbers, booleans or, if ``texts`` is True, strings. Raises ValueError or TypeError if the type
+    is not allowed, or if the number of bytes does not match the type and the shape.
     """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):

@@ -1,1 +1,1 @@
-"""Server for openpi's protocol, with access control and a limit on the memory that messages take."""
+"""Policy server for openpi's protocol, with access control and limits on clients and memory."""

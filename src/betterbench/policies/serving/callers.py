@@ -1,9 +1,9 @@
-"""Access control for servers on this machine.
+"""Protection of local servers against requests from foreign web pages.
 
-Programs on this machine and the server's own pages may connect, but other web pages may not. The check is necessary
-because a browser lets any web page send requests to this machine. With each request, the browser sends the site of the
-page (``Origin``) and the host name of the server (``Host``). If a foreign host name resolves to this machine (DNS
-rebinding), ``Host`` contains that name and not a name of this machine.
+A browser lets any web page send requests to servers on this machine. These functions distinguish such requests from
+requests of local programs and of the server's own pages. The browser sends the site of the page (``Origin``) and the
+host name of the server (``Host``) with each request. In a DNS rebinding attack, a foreign host name resolves to this
+machine. ``Host`` then contains the foreign name instead of a name of this machine.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ _ANY = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - compared, not bound
 
 
 def is_own_host(values: Sequence[str], bound: str) -> bool:
-    """Return whether the ``Host`` headers of a request are allowed if the server listens on the interface ``bound``.
+    """Return whether the ``Host`` header of a request names this machine.
 
-    On the loopback interface, the loopback names and the name of the interface are allowed. If the server listens on
-    all interfaces, the name of this machine and all IP addresses are also allowed. IP addresses are safe, since a DNS
-    rebinding attack needs a host name.
+    Loopback names and the name of the interface ``bound``, on which the server listens, are always allowed. If the
+    server listens on all interfaces, the name of this machine and all IP addresses are also allowed. IP addresses are
+    safe, because a DNS rebinding attack needs a host name. ``values`` are all ``Host`` headers of the request; a
+    request with several of them is rejected.
     """
     if len(values) != 1:
         return False
@@ -34,7 +35,8 @@ def is_own_host(values: Sequence[str], bound: str) -> bool:
 def is_own_origin(values: Sequence[str], hosts: Sequence[str]) -> bool:
     """Return whether the ``Origin`` header of a request matches its ``Host`` header.
 
-    A request without ``Origin`` is allowed.
+    If they match, the request comes from a page of this server. A request without ``Origin`` is also allowed, because
+    it does not come from a web page.
     """
     return not values or (len(hosts) == 1 and list(values) == [f"http://{hosts[0]}"])
 

@@ -1,10 +1,10 @@
-"""Limit on the memory that messages of all clients of a server take, as long as they are unfinished or unanswered.
+"""Limit on the total memory for the messages of all clients of a server.
 
-A websocket library stores the received part of a message until the message is complete. The limit on the message size
-bounds the memory of each connection, and this budget bounds the memory of all connections together. If a connection
-would exceed the budget, it waits, which stops its client from sending more data. The connection whose message began
-first never waits, so at least one message can always be completed. While other connections wait, a connection that does
-not finish a message in time is dropped.
+The websocket library stores the received part of a message until the message is complete. The maximum message size
+limits the memory of each connection, and this budget limits the memory of all connections together. When the budget is
+used up, connections stop receiving data, which also stops their clients from sending. One connection may always
+continue, so that at least one message can be completed. While other connections are waiting, a connection that does not
+finish its message in time is dropped.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import time
 from collections import deque
 
 BUDGET_BYTES = 128 * 1024 * 1024
-"""Memory for the unfinished and unanswered messages of all clients, in addition to one message [bytes]."""
+"""Memory for the incomplete and unanswered messages of all clients [bytes]. One message may exceed this limit."""
 STUCK_S = 5.0
-"""Time that a connection may take to finish one message, or the request that opens it, while others wait [s]."""
+"""Maximum time to wait for the rest of a message or of the opening HTTP request, while other connections wait [s]."""
 
 _POLL_S = 0.05
 _MAX_HEAD = 65_536
@@ -26,11 +26,11 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Counter of the bytes that one connection receives: first an HTTP request, then websocket frames.
+    """Counter of the bytes that a connection holds in memory. It parses the opening HTTP request and websocket frames.
 
     Attributes:
-        unfinished: Number of bytes received so far of the current message.
-        queued: Size of each message that is complete but has not been answered yet [bytes].
+        unfinished: Number of bytes received of the current message.
+        queued: Sizes of the complete messages that have not been answered [bytes].
     """
 
     def __init__(self) -> None:
@@ -42,16 +42,16 @@ class MessageMeter:
 
     @property
     def held(self) -> int:
-        """Number of bytes in memory for this connection."""
+        """Number of bytes of this connection that are in memory."""
         return self.unfinished + len(self._head) + sum(self.queued)
 
     @property
     def is_within(self) -> bool:
-        """Whether an opening request, a frame header or a message has been received only in part so far."""
+        """Whether the connection is in the middle of the opening request, a frame header or a message."""
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
-        """Count received data. Return whether these data have completed the opening request or a message."""
+        """Count received data. Return whether they complete the opening request or a message."""
         ended, at = False, 0
         if not self.is_greeted:
             self._head += data
@@ -72,12 +72,12 @@ class MessageMeter:
         return ended
 
     def taken(self) -> None:
-        """Stop counting the oldest complete message, since it has been answered."""
+        """Stop counting the oldest complete message, which has been answered."""
         if self.queued:
             self.queued.popleft()
 
     def _read_head(self, data: bytes, at: int) -> int:
-        """Continue to parse the header of a frame. Return the offset of the first byte that has not been read."""
+        """Parse the header of a frame, which may be split over several calls. Return the offset of the next byte."""
         while at < len(data):
             self._head.append(data[at])
             at += 1
@@ -105,13 +105,13 @@ class MessageMeter:
 
 
 class Metered:
-    """Connection of a client whose messages count toward the memory budget.
+    """Connection whose messages count toward the memory budget.
 
     Attributes:
-        waited_s: Time that has been spent waiting for the client during the current message [s].
-        waits_since: Time at which the current wait for the client began [s], as measured by ``time.monotonic``, or
-            None.
-        is_cut: Whether the connection was dropped.
+        waited_s: Time spent waiting for data of the current message, without the current wait [s].
+        waits_since: Time at which the current wait for data began [s], as measured by ``time.monotonic``. None if the
+            connection is not waiting for data.
+        is_cut: Whether the budget has dropped the connection.
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -121,14 +121,14 @@ class Metered:
         self.waits_since: float | None = None
 
     def within_s(self, now: float) -> float:
-        """Return how long the current message has been waiting for data from the client [s]."""
+        """Return the total time spent waiting for data of the current message [s]."""
         if not self.meter.is_within:
             return 0.0
         return self.waited_s + (0.0 if self.waits_since is None else now - self.waits_since)
 
 
 class FrameBudget:
-    """Memory budget that all connections of a server share. The methods may be called from any thread."""
+    """Memory budget shared by all connections of a server. Its methods are thread-safe."""
 
     def __init__(self, most_bytes: int = BUDGET_BYTES, *, stuck_s: float = STUCK_S) -> None:
         self._most, self._stuck_s = most_bytes, stuck_s
@@ -138,7 +138,7 @@ class FrameBudget:
 
     @property
     def held(self) -> int:
-        """Number of bytes in memory for all connections."""
+        """Number of bytes of all connections that are in memory."""
         with self._lock:
             return self._held()
 
@@ -156,7 +156,7 @@ class FrameBudget:
             self._lock.notify_all()
 
     def before_receiving(self, one: Metered) -> None:
-        """Wait until a connection may receive more data."""
+        """Wait until the budget allows a connection to receive more data."""
         with self._lock:
             while not self._may_go_on(one):
                 self._cut_stuck(time.monotonic())
@@ -175,24 +175,24 @@ class FrameBudget:
             self._lock.notify_all()
 
     def answered(self, one: Metered) -> None:
-        """Stop counting the oldest complete message of a connection, since it has been answered."""
+        """Stop counting the oldest complete message of a connection, which has been answered."""
         with self._lock:
             one.meter.taken()
             self._lock.notify_all()
 
     def cut_stuck(self) -> None:
-        """Drop connections that have not finished a message in time, if other connections are waiting."""
+        """Drop connections that have not finished a message in time. Call this while other connections are waiting."""
         with self._lock:
             self._cut_stuck(time.monotonic())
 
     @property
     def is_dropping(self) -> bool:
-        """Whether there is a connection that was dropped but is not closed yet."""
+        """Whether a connection has been dropped but not yet closed."""
         with self._lock:
             return any(one.is_cut for one in self._open.values())
 
     def stop(self) -> None:
-        """Let all waiting connections continue. This is called when the server stops."""
+        """Let all waiting connections continue, so that the server can stop."""
         with self._lock:
             self._is_over = True
             self._lock.notify_all()

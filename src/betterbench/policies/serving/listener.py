@@ -1,4 +1,4 @@
-"""Listening socket that limits the number of open connections. Further connections wait in the system's queue."""
+"""Listening TCP socket with a limit on the number of open connections."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from betterbench.errors import InvalidInputError
 from betterbench.policies.serving.frame_budget import FrameBudget
 
 _PASSING = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM, errno.ECONNABORTED, errno.EPROTO})
-"""Errors of ``accept`` after which the next connection may succeed."""
+"""Temporary errors of ``accept``, after which a later call may succeed."""
 
 _PAUSE_S = 0.1
 _KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP_KEEPCNT, 6))
 
 
 class Listener(socket.socket):
-    """Listening TCP socket. If ``most`` is given, ``accept`` waits while that many connections are open.
+    """Listening TCP socket. While ``most`` connections are open, further clients wait in the operating system's queue.
 
-    If there are not enough file descriptors or memory for another connection, ``accept`` waits as well, because an
-    error would end the server's loop. A client that disappears without closing its connection is detected after three
-    minutes.
+    If there are not enough file descriptors or memory for another connection, ``accept`` also waits, because an error
+    would end the server's loop. TCP keepalive detects clients that have disappeared without closing their connection,
+    after about three minutes.
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
-        """Take over a bound socket. If a budget is given, it counts the received data."""
+        """Take over a bound socket. If a budget is given, the received data count toward it."""
         super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
         self._budget = budget
         self._room = None if most is None else threading.BoundedSemaphore(most)
@@ -66,9 +66,9 @@ class Listener(socket.socket):
 
 
 class _Taken(socket.socket):
-    """Connection of a client, whose received data count toward the shared memory budget.
+    """Accepted connection, whose received data count toward the memory budget.
 
-    When it is closed, another client can connect.
+    Closing the connection allows the listener to accept another client.
     """
 
     def __init__(self, taken: socket.socket, listener: Listener, budget: FrameBudget | None) -> None:
@@ -86,7 +86,7 @@ class _Taken(socket.socket):
         return data
 
     def answered(self) -> None:
-        """Stop counting the oldest complete message, since it has been answered."""
+        """Stop counting the oldest complete message, which has been answered."""
         if self._budget is not None and self.metered is not None:
             self._budget.answered(self.metered)
 
@@ -100,7 +100,7 @@ class _Taken(socket.socket):
 
 
 def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
-    """Return a socket that listens for TCP connections. At most ``most`` connections are open at the same time.
+    """Return a socket that listens for TCP connections and keeps at most ``most`` of them open at the same time.
 
     Raises InvalidInputError if the socket cannot be bound.
     """

@@ -1,8 +1,8 @@
 """Server for openpi's protocol. It sends metadata first, then one reply per request. Errors are sent as text frames.
 
-The server knows nothing about policies: a function that the caller provides creates a :class:`Session` for each
-connection. Each connection has its own thread, so a client that is slow, disconnects or sends invalid data does not
-affect the others. Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
+The server is independent of the policy: for each connection, it calls a function that creates a :class:`Session`, which
+answers the requests. Each connection has its own thread, so a client that is slow, disconnects or sends invalid data
+does not affect other clients. Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from betterbench.policies.serving.listener import listen
 logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 8000
-"""Port on which openpi's own server listens."""
+"""Default port, as in openpi's server."""
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 128
 """Default maximum number of clients.
 
-A connection takes four file descriptors and two threads, and most machines allow 1,024 file descriptors per process.
+Each connection needs four file descriptors and two threads. Most machines allow 1,024 file descriptors per process.
 """
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
-"""Size of the largest request [bytes]. An observation with three cameras of 448 x 448 pixels takes 2 MB."""
+"""Maximum size of a request [bytes]. An observation with three images of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
-"""Time after which the connection to a silent client is closed and its resources are freed [s]."""
+"""Time without requests after which a client is disconnected and its session is closed [s]."""
 IDLE_WHILE_FULL_S = 600.0
-"""Time after which the connection to a silent client is closed if all slots are taken and another client waits [s].
+"""Time without requests after which a client is disconnected if the server is full and another client connects [s].
 
 Between two requests, a client executes an action chunk or resets a scene. This takes seconds, or minutes if a person
 resets a real scene.
@@ -60,12 +60,12 @@ _ROOM_S, _PAUSE_S = 1.0, 0.02
 
 
 class Session(Protocol):
-    """Session of one connection. It handles one request at a time."""
+    """Handler for the requests of one connection. Requests are handled one at a time."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the reply to a request. It contains ``actions`` (horizon, dim) and possibly further entries.
+        """Return the reply to a request: a map with ``actions`` (horizon, dim) and possibly other entries.
 
-        If the request cannot be answered, raise a BetterError. The text of the error is sent to the client.
+        Implementations raise a BetterError if a request cannot be answered. Its message is sent to the client.
         """
 
     def close(self) -> None:
@@ -73,10 +73,7 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Server that answers policy requests.
-
-    In a ``with`` block, it is started at the beginning and stopped at the end.
-    """
+    """Policy server. As a context manager, it starts when the block is entered and stops when the block is left."""
 
     def __init__(
         self,
@@ -97,16 +94,16 @@ class PolicyServer:
 
         Args:
             make_session: Function that creates a session. It is called when a client sends its first request.
-            metadata: Metadata that is sent to each client when it connects.
+            metadata: Metadata that the server sends to each client when it connects.
             host: Interface to listen on.
             port: Port to listen on. 0 selects any free port.
             api_key: Key that clients must send, or None.
             clients: Maximum number of simultaneous clients. None means that there is no limit.
-            on_stop: Function that is called once, when all connections have ended.
-            budget: Limit on the memory for unanswered messages of all clients.
-            idle_while_full_s: Time after which a silent client may be disconnected [s]. If another client arrives while
-                the maximum number is connected, the client that has been silent for the longest time is disconnected,
-                provided that it has been silent for more than this time.
+            on_stop: Function that is called once, after all connections have been closed.
+            budget: Limit on the total memory for messages. None creates a budget with the default size.
+            idle_while_full_s: Time without requests after which a client may be disconnected to make room [s]. If a new
+                client connects while the maximum number of clients is connected, the client that has been silent for
+                the longest time is disconnected, provided that it has been silent for more than this time.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()
@@ -114,7 +111,7 @@ class PolicyServer:
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
         self._open: set[ServerConnection] = set()
-        # Threads live longer than their connections, because they still close the session and log that the client left.
+        # After a connection has been closed, its thread still closes the session and logs that the client has left.
         self._talking: set[threading.Thread] = set()
         self._silent_since: dict[ServerConnection, float] = {}
         self._thread: threading.Thread | None = None
@@ -125,7 +122,7 @@ class PolicyServer:
             max_size=MAX_REQUEST_BYTES,
             max_queue=_QUEUED,
             process_request=self._admit,
-            # No pings are sent, since a client that simulates for a minute between two requests may not answer them.
+            # No pings are sent, because a client that simulates for a minute between two requests may not answer them.
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
             logger=quiet_logger(),
@@ -163,10 +160,10 @@ class PolicyServer:
             return
         self._server.shutdown()
         thread.join()
-        # Older releases of websockets do not close open connections themselves.
+        # In older releases of websockets, shutdown() does not close open connections.
         with self._lock:
             left, talking = list(self._open), list(self._talking)
-        # The connections are closed in parallel, because each close waits for a client that may not respond.
+        # Close the connections in parallel, because each call may have to wait for a client that does not respond.
         closing = [threading.Thread(target=_close, args=(connection,), daemon=True) for connection in left]
         for closer in closing:
             closer.start()
@@ -188,7 +185,7 @@ class PolicyServer:
         """Answer health checks, and reject clients that are not allowed to use the server."""
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
-        # A browser lets any web page open a websocket to this machine, and sends the origin of the page.
+        # A browser lets any web page open a websocket to this machine, so check the origin that the browser sends.
         if not set(request.headers.get_all("Origin")) <= self._own_origins:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "Pages of other sites may not use this server.\n")
         if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
@@ -204,9 +201,9 @@ class PolicyServer:
         return None
 
     def _room_made(self) -> bool:
-        """Try to disconnect a client that does not finish a message or has been silent for too long.
+        """Try to disconnect a client that does not finish its message or has been silent for too long.
 
-        Return whether another client can now connect.
+        Return whether there is room for another client.
         """
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
@@ -226,25 +223,25 @@ class PolicyServer:
             longest = min(self._silent_since, key=self._silent_since.__getitem__)
             if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
                 return False
-            # Removing the entry prevents other new clients from closing the connection again. It also ends the
-            # connection's thread, which a frame may have woken up.
+            # Removing the entry prevents other threads from closing the same connection. It also tells the thread of
+            # this connection to stop, even if a request has just arrived (see _next_frame).
             del self._silent_since[longest]
         logger.info(
             "%s is disconnected, because it was silent for too long while others are waiting",
             _name_of(longest.remote_address),
         )
-        # This is done in a thread, because closing waits for a client that may not respond.
+        # Close the connection in a thread, because the call may have to wait for a client that does not respond.
         closing = (_AWAY_CODE, "This client was silent for too long while others were waiting.")
         threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
         return True
 
     def _full(self, more: int = 1) -> bool:
-        """Return whether there would be too many clients if ``more`` additional clients connected."""
+        """Return whether the maximum number of clients would be exceeded if ``more`` additional clients connected."""
         with self._lock:
             return self._clients is not None and len(self._open) + more > self._clients
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Answer one client until it disconnects."""
+        """Answer the requests of one client until it disconnects."""
         client = _name_of(connection.remote_address)
         with self._lock:
             self._open.add(connection)
@@ -258,8 +255,8 @@ class PolicyServer:
                 return
             connection.send(self._greeting)
             while (frame := self._next_frame(connection)) is not None:
-                # The session is created at the first request, because loading weights may take longer than a client
-                # waits for a connection.
+                # Create the session at the first request, because loading weights may take longer than the client's
+                # deadline for connecting.
                 session = session or self._make_session()
                 began = time.perf_counter()
                 reply = self._reply(session, frame)
@@ -270,11 +267,11 @@ class PolicyServer:
                 connection.socket.answered()  # type: ignore[attr-defined] # of the listener
         except ConnectionClosed:
             pass
-        except BaseException as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other
+        except BaseException as problem:  # noqa: BLE001 - report every error to this client, and keep serving others
             text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
             logger.warning("%s: %s", client, text.strip().splitlines()[-1])
             if session is not None:
-                session.close()  # before the client gets the error and reconnects
+                session.close()  # first, because the client may reconnect as soon as it receives the error
                 session = None
             with contextlib.suppress(ConnectionClosed):
                 connection.send(text)
@@ -290,10 +287,7 @@ class PolicyServer:
                 self._talking.discard(threading.current_thread())
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
-        """Return the next frame from a client.
-
-        If the client has been silent for too long, disconnect it and return None.
-        """
+        """Return the next frame from a client, or None if the client is disconnected because it was silent too long."""
         with self._lock:
             self._silent_since[connection] = time.monotonic()
         try:
@@ -306,7 +300,7 @@ class PolicyServer:
         return None if is_let_go else frame
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame. Raises InvalidInputError if the frame is not a request."""
+        """Return the session's reply to a frame. Raises InvalidInputError if the frame is not a request."""
         if isinstance(frame, str):
             raise InvalidInputError(
                 "the request", "expected a binary frame, got text", "Send one binary msgpack map per observation"

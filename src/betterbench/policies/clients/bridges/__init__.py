@@ -1,4 +1,4 @@
-"""Small servers (bridges) that users copy to their GPU machine.
+"""Bridges: policy servers that consist of a single file, which users copy to their GPU machine.
 
-Each is a single file that does not need this package.
+The files do not import betterbench.
 """

@@ -1,7 +1,7 @@
-"""Bridge that serves a Python policy over openpi's websocket protocol. It is one file to copy to the policy's folder.
+"""Bridge that serves a Python policy over openpi's websocket protocol. Copy this file to the policy's folder.
 
-The bridge needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict)
--> dict``, which Being-H's policy has. Write a file that creates the policy::
+The bridge requires ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy must have a method
+``get_action(dict) -> dict``, as Being-H's policy does. Write a file that creates the policy::
 
     # my_policy.py, in the same folder as this file, in the environment of Being-H
     from BeingH.inference.policy import InternVLPolicy
@@ -14,15 +14,15 @@ Serve this policy, then evaluate it from any machine::
     python being_h_bridge.py my_policy:make --port 8000
     better eval --policy "openpi://HOST:8000?preset=being_h_libero" ...
 
-The bridge accepts only connections from the same machine unless ``--host 0.0.0.0`` is given. ``--api-key-env NAME``
-requires clients to send a key. Neither the bridge nor the client unpickles data. The policy gets one request at a time,
-however many clients are connected.
+By default, the bridge accepts only connections from the same machine. Use ``--host 0.0.0.0`` to accept connections from
+other machines, and ``--api-key-env NAME`` to require a key. Neither the bridge nor the client unpickles data. The
+policy handles one request at a time, even if several clients are connected.
 
-For real-time chunking, set ``--inference-delay`` to the number of control steps that one answer takes. The bridge
-stores the policy's ``action_unified`` for each connection and passes it to the policy as ``prev_chunk``, together with
-``inference_delay``, in the next request. A new episode must begin without a previous chunk, so the client must send its
-step number: add a state with the key ``better/step`` and the single part ``step`` to the adapter. The bridge does not
-pass this number to the policy.
+For real-time chunking, set ``--inference-delay`` to the number of control steps that pass while the policy computes an
+answer. The bridge stores the policy's ``action_unified`` for each connection and passes it to the policy as
+``prev_chunk``, together with ``inference_delay``, in the next request. The bridge detects a new episode by the step
+number of the client, so add a state with the key ``better/step`` and the single part ``step`` to the adapter. The
+bridge does not pass this number to the policy.
 """
 
 from __future__ import annotations
@@ -99,12 +99,12 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Server that answers the requests of all connections. The policy answers only one request at a time."""
+    """Server for one policy. It accepts several connections, but passes one request at a time to the policy."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
-        """Store the policy.
+        """Store the policy and the settings.
 
-        ``inference_delay`` is the number of control steps that pass until the policy has answered.
+        ``inference_delay`` is the number of control steps that pass while the policy computes an answer.
         """
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
@@ -131,9 +131,9 @@ class Bridge:
         return None
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Send the metadata, then answer each request.
+        """Send the metadata, then answer requests until the connection is closed.
 
-        An error is sent to the client as text and ends the connection.
+        If the policy fails, send the traceback to the client as text and close the connection.
         """
         kept: dict[str, Any] = {}
         with contextlib.suppress(ConnectionClosed):
@@ -177,11 +177,12 @@ class Bridge:
 
 
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the request entries for real-time chunking, or an empty dict if too few actions of the old chunk are left.
+    """Return the request entries for real-time chunking.
 
-    The policy uses the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
-    horizon, dim), is therefore shifted by the number of steps that have been executed since it was returned. The
-    missing rows at the end are filled with copies of the last row, which the policy ignores.
+    The policy copies the first ``delay`` rows of ``prev_chunk`` to its new chunk. The old chunk (..., horizon, dim) is
+    therefore shifted by the number of steps since it was requested (at step ``asked_at``). The end is padded with
+    copies of the last row, which the policy ignores. If fewer than ``delay`` rows of the old chunk remain, the result
+    is an empty dict.
     """
     passed = step - asked_at
     if not delay or chunk.shape[-2] - passed < delay:
@@ -214,7 +215,7 @@ def serve_from_command_line() -> int:
         "--inference-delay",
         type=int,
         default=0,
-        help=("number of control steps that pass until the policy has answered, for real-time chunking"),
+        help=("control steps that pass while the policy computes an answer, for real-time chunking"),
     )
     parser.add_argument("--api-key-env", help="name of the environment variable with the key that clients must send")
     options = parser.parse_args()
