@@ -234,9 +234,9 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return the command that starts uv, after looking on the search path, next to this Python and in the git clone.
+    """Return the command that starts uv, or None if uv is not found.
 
-    Return None if uv is not found.
+    The search covers the PATH, the folder of this Python's scripts, and the git clone.
     """
     if shutil.which("uv"):
         return "uv"

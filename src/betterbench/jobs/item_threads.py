@@ -1,4 +1,4 @@
-"""Processing of many items, such as trials, in threads. Each thread has a resource of its own, such as a renderer."""
+"""Processing of many items, such as trials, in threads. Each thread has its own resource, such as a renderer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Stoppable(Protocol):
 
 
 class NoResource(AbstractContextManager["NoResource"]):
-    """Resource for threads that do not need any."""
+    """Placeholder for threads that do not need a resource."""
 
     def stop(self) -> None:
         """Do nothing."""

@@ -35,10 +35,10 @@ def run_items(
     keep: Callable[[FoundT], object] = lambda _: None,
     on_progress: Callable[[JobProgress[FoundT]], None] | None = None,
 ) -> int:
-    """Process the unfinished items of a job, and return their number. To continue after an interruption, call it again.
+    """Process the unfinished items of a job, and return their number. Call it again to continue an interrupted job.
 
     Args:
-        planned: Items of the job. Each of them is processed once.
+        planned: Items of the job. Repeated items are processed only once.
         is_done: Function that returns whether the result of an item is already stored.
         work: Function that yields the results of items in any order: ``in_processes``, ``in_threads``, or a generator.
         keep: Function that stores a result on disk, for example in a journal.
@@ -69,7 +69,7 @@ def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | Non
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Context manager that locks the folder of a job and removes unfinished files that killed processes left behind.
+    """Lock the folder of a job, and remove unfinished files that killed processes left behind (context manager).
 
     Args:
         path: Folder of the job. It is created if it is missing.

@@ -59,9 +59,9 @@ class SkillWindow:
 
     Attributes:
         kind: Kind of skill.
-        object: Name of the object. If the gripper closed without grasping or moving an object (kind "miss"), it is the
-            object that is picked next, or "" if there is none.
-        target: Target of the placement, or "" if no subgoal has this target.
+        object: Name of the object. For a "miss", in which the gripper closed without grasping or moving an object:
+            name of the object that is picked next, or "" if no object is picked afterward.
+        target: Target of the placement, or "" if the placement does not achieve a subgoal.
         relation: Relation to the target, or "" if there is no target.
         region: Region of the target, or "" if the target has only one.
         start: First row.

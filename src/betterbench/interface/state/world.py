@@ -15,8 +15,8 @@ from betterbench.interface.state.info import SceneInfo
 class Contact(NamedTuple):
     """Pair of bodies in contact, and the sum of the normal forces at all their contact points [N].
 
-    Bodies are the names of objects, "left_finger", "right_finger", "hand", "arm", "table" and "floor". The class is a
-    named tuple for speed, because several contacts are created at every control step.
+    A body is given as the name of an object, or as "left_finger", "right_finger", "hand", "arm", "table" or "floor".
+    The class is a named tuple for speed, because several contacts are created at every control step.
     """
 
     a: str
@@ -70,7 +70,7 @@ class WorldState:
     def position(self, name: str) -> Vector:
         """Return the position of an object in the world frame [m].
 
-        It is the position of the origin of the object's frame, i.e. of the center of its bottom face.
+        The position is that of the object frame's origin, which is the center of the object's bottom face.
         """
         return self.positions[self.info.index(name)]
 
