@@ -1,6 +1,6 @@
-"""Videos that show a recorded trial next to its training twin, which is the training trial with the same seed.
+"""Videos that show a recorded trial next to its training twin (the training trial with the same seed).
 
-They also show instructions, time, labels and the path of the gripper.
+The videos also show the instructions, the time, the labels and the path of the gripper.
 """
 
 from __future__ import annotations
@@ -29,10 +29,13 @@ OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
-"""Height of the space below the images, as a fraction. A player shows its controls there while the video is paused."""
+"""Height of the space below the images, as a fraction of the image size.
+
+Video players show their controls in this space while the video is paused.
+"""
 
 _HOLD_S = 1.0
-"""Time for which the first image (with the complete path) and the last state are shown [s of the video]."""
+"""Duration of the first image (with the complete path) and of the last image in the video [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class Panel:
     Attributes:
         heading: Title above the trial ("this trial, fast_food/T1/3").
         ended: Outcome of the trial ("Semantic feature collapse").
-        right: Whether the outcome is a success, which is shown in blue.
+        right: Whether the outcome is a success. A success is shown in blue, a failure in orange.
     """
 
     task: str
@@ -65,8 +68,8 @@ class FilmLook:
     Attributes:
         size: Side length of each image [px]. It must be even.
         rate_hz: Frames per second of the video.
-        longest_s: Maximum time that the motion takes in the video [s]. Longer trials are sped up to fit this time. With
-            None, every trial is shown in real time.
+        longest_s: Maximum duration of the motion in the video [s]. Longer trials are sped up to this duration. If None,
+            every trial is shown in real time.
     """
 
     camera: str = "front"
@@ -271,7 +274,7 @@ class _Side:
     def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
         """Draw the path of the end effector in the first rows of the record into an image.
 
-        The path is blue while the gripper should be open, and orange elsewhere.
+        The path is blue where the gripper was commanded to open, and orange where it was commanded to close.
         """
         drawn, scale = image.copy(), 2
         large = drawn.resize((scale * drawn.width, scale * drawn.height), Image.Resampling.BICUBIC)
