@@ -178,9 +178,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
         if entry.status == "error":
             done.pop(entry.key, None)  # marked because its record was missing
         elif entry.key in done:
-            raise RecordError(
-                f"{where}: {entry.key} is already finished in line {done[entry.key]}. {_LINE_CURE}."
-            )
+            raise RecordError(f"{where}: {entry.key} is already finished in line {done[entry.key]}. {_LINE_CURE}.")
         else:
             done[entry.key] = number
         entries[entry.key] = entry

@@ -1,5 +1,4 @@
-"""Content of a preflight sheet, which shows the policy's inputs and the motion that the policy's first reply commands.
-"""
+"""Content of a preflight sheet, which shows the policy's inputs and the motion that the policy's first reply commands."""
 
 from __future__ import annotations
 
