@@ -74,7 +74,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row of the record from all cameras that have been requested so far, because callers often need all."""
+        """Render a row of the record from all cameras requested so far, because callers often need all of them."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]

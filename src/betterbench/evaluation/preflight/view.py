@@ -1,4 +1,4 @@
-"""Content of a preflight sheet, which shows the policy's inputs and the motion that the policy's first reply commands."""
+"""Content of a preflight sheet: the inputs of the policy, and the motion that its first reply commands."""
 
 from __future__ import annotations
 

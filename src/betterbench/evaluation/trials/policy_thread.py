@@ -149,7 +149,7 @@ def name_trial(client: object, trial: TrialId) -> None:
 
 
 def ready_at(policy: object) -> float:
-    """Return the time at which a policy in a separate process became ready [s], or minus infinity for other policies."""
+    """Return the time at which a policy in a separate process became ready [s], or -inf for other policies."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
