@@ -326,7 +326,7 @@ def require_parameters(where: str, name: str, function: Callable[..., object], p
 
 @contextmanager
 def errors_explained(path: str) -> Iterator[None]:
-    """Add the file and the line to an error that is raised in a user's file (context manager).
+    """Context manager that adds the file and the line to an error raised in a user's file.
 
     Raises:
         InvalidInputError: If the file raises an error.

@@ -84,7 +84,7 @@ def _no_truth(value: object) -> object:
 
 
 NO_TRUTH = BeforeValidator(_no_truth)
-"""Validator for Literal fields with numbers, for which pydantic alone would accept false as 0 and true as 1."""
+"""Validator that rejects booleans in Literal fields with numbers. pydantic alone would accept false as 0."""
 
 
 def read_form(
@@ -212,10 +212,7 @@ def open_sealed_lines(
 
 
 def say_unsealed(where: str) -> None:
-    """Warn that a document was written by an earlier version without a checksum.
-
-    For each document, the warning is logged only once.
-    """
+    """Warn that a document was written by an earlier version without a checksum. Warn once per document."""
     if where not in _SAID:
         _SAID.add(where)
         logger.warning(
@@ -256,7 +253,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """Convert exceptions during JSON validation to a one-line error with the file, the field and the remedy.
 
     Raises:
-        BetterError: Replaces an exception that pydantic, ``json`` or the dataclass has raised.
+        BetterError: If pydantic, ``json`` or the dataclass raises an exception.
     """
     try:
         yield
@@ -351,13 +348,13 @@ def open_ordinary(path: Path) -> io.BufferedReader:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         if error.errno == errno.ENXIO:  # from a socket
-            raise NotOrdinaryError(errno.EINVAL, "is not an ordinary file", str(path)) from error
+            raise NotOrdinaryError(errno.EINVAL, "is not a regular file", str(path)) from error
         raise
     kind = os.fstat(handle).st_mode
     if stat.S_ISREG(kind):
         return os.fdopen(handle, "rb")
     os.close(handle)
-    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is not an ordinary file"
+    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is not a regular file"
     raise NotOrdinaryError(errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL, problem, str(path))
 
 

@@ -20,15 +20,15 @@ import numpy as np
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 
 TRANSLATION_PER_UNIT_M = 0.05
-"""Translation per action unit [m], as in LIBERO. It is the output scale of robosuite's OSC_POSE controller there."""
+"""Translation per action unit [m]: the output scale of robosuite's OSC_POSE controller in LIBERO."""
 
 ROTATION_PER_UNIT_RAD = 0.5
-"""Rotation per action unit [rad]. It is the scale of the axis-angle part of the same OSC_POSE controller."""
+"""Rotation per action unit [rad]: the output scale of the same controller for rotation vectors."""
 
 JOINT_STEP_PER_UNIT_RAD = 0.1
 """Joint step per action unit [rad].
 
-It gives 2.0 rad/s at 20 Hz, just below the velocity limit of the slowest Panda joint (2.175 rad/s).
+At 20 Hz, this gives 2.0 rad/s, just below the velocity limit of the slowest Panda joint (2.175 rad/s).
 """
 
 CONTROL_RATE_HZ = 20.0
@@ -138,7 +138,7 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return how many of the actions (n, dim) have at least one component that is out of bounds."""
+        """Return the number of actions (n, dim) with at least one component out of bounds."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))

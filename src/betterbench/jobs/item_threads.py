@@ -18,7 +18,7 @@ class Stoppable(Protocol):
     """Resource of a thread that can be stopped from another thread, such as a renderer."""
 
     def stop(self) -> None:
-        """Make threads that are waiting for the resource stop waiting and fail, so that they can end."""
+        """Interrupt threads that are waiting for the resource. They raise an error and end."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):

@@ -69,7 +69,7 @@ def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | Non
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Lock the folder of a job, and remove unfinished files that killed processes left behind (context manager).
+    """Context manager that locks the folder of a job and removes unfinished files that killed processes left behind.
 
     Args:
         path: Folder of the job. It is created if it is missing.

@@ -195,7 +195,7 @@ class RunLock:
         Call this last, just before a command reports that its output is complete.
         """
         if self._handle is not None and not _stands_at(self._path, self._handle):
-            raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
+            raise StorageError(self._lost("part of the output may be missing"))
 
     def _lost(self, consequence: str) -> str:
         """Return the message for a locked folder that no longer exists."""

@@ -51,7 +51,7 @@ def exit_text(status: int | None) -> str:
 
 @contextlib.contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread (context manager). Processes started inside it ignore Ctrl-C until they end."""
+    """Context manager that blocks Ctrl-C in this thread. Processes started inside it ignore Ctrl-C until they end."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -60,7 +60,7 @@ class RecordBuilder:
 
     @property
     def actions(self) -> npt.NDArray[np.float64]:
-        """All actions that have been appended so far, (number of rows - 1, dim)."""
+        """All actions that have been appended so far, as an array (number of rows - 1, dim)."""
         size, end = self._no_action.nbytes, len(self._rows[0]) - self._no_action.nbytes if self._rows else 0
         asked = b"".join([row[end - size : end] for row in self._rows[1:]])
         return np.frombuffer(asked).reshape(-1, len(self._no_action))
@@ -77,7 +77,7 @@ class RecordBuilder:
     ) -> None:
         """Append one row: a state, and the values of all predicates and subgoals in this state.
 
-        Raises the errors of :meth:`append_state` and :meth:`append_truth`.
+        Raises the same errors as :meth:`append_state` and :meth:`append_truth`.
         """
         self._check_truths(predicates, subgoals)
         self.append_state(state, **given)  # type: ignore[arg-type]
@@ -141,7 +141,7 @@ class RecordBuilder:
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
-            problem = f"all {len(self._states)} rows already have their relations"
+            problem = f"all {len(self._states)} rows already have their predicates and subgoals"
             raise InvalidInputError(
                 "predicates, subgoals", problem, "Append the next row before its predicates and subgoals"
             )
@@ -168,7 +168,7 @@ class RecordBuilder:
         dump_json(asdict(outcome))
         rows = len(self._states)
         if len(self._truths) != rows:
-            problem = f"only {len(self._truths)} of {rows} rows have their relations"
+            problem = f"only {len(self._truths)} of {rows} rows have their predicates and subgoals"
             raise InvalidInputError("predicates, subgoals", problem, "Append the predicates and subgoals of every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)

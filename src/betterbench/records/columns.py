@@ -86,8 +86,8 @@ class Contacts:
     """Contacts of all rows, concatenated.
 
     Attributes:
-        offsets: Start of each row's contacts (T + 1,) int32. Row ``t`` has the contacts ``offsets[t]`` to ``offsets[t +
-            1]``.
+        offsets: Start of each row's contacts (T + 1,) int32. Row ``t`` has the contacts from ``offsets[t]`` up to, but
+            not including, ``offsets[t + 1]``.
         bodies: Both bodies of each contact (C, 2) int16, as indices into the record's list of body names.
         forces: Normal force of each contact (C,) [N].
     """

@@ -29,7 +29,7 @@ class Demonstrator:
         kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
         manner: Parameters of the motion style. Their names include the unit ("speed", "approach_height_m").
-        sources: Demonstrations that were combined to make this one, as "TASK/CONDITION/SEED" in the order of use.
+        sources: Demonstrations that were combined into this demonstration, as "TASK/CONDITION/SEED" in order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
             ``action`` contains the intended action, which a policy should learn, and the column ``applied`` contains
             the executed action. Without noise, the two columns differ only by clipping.
@@ -55,7 +55,7 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """Rows of a record in which the gripper is near an object in order to pick, place or slide it.
+    """Rows of a record in which the gripper is near an object to pick, place or slide it.
 
     Attributes:
         kind: Kind of skill.

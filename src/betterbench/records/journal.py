@@ -1,4 +1,4 @@
-"""Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
+"""Journal of a run, with one line per finished trial. A resumed run repeats all trials that are not listed as done.
 
 Each line contains the SHA-256 of the trial's record, the digest of the trial's scene, and a link. The link is the
 SHA-256 of the previous link together with the rest of the line, and reveals changed, missing and reordered lines.
@@ -118,8 +118,7 @@ class Journal(LineJournal):
         """Append a finished trial and sync the line to disk.
 
         Raises:
-            InvalidInputError: If a number is not finite or a field has a wrong type, so that the entry could not be
-                read again.
+            InvalidInputError: If a number is not finite or a field has a wrong type.
             RunConflictError: If the trial is already finished.
             OSError: If the disk is full. The journal is then unchanged.
             ValueError: If the journal is closed.
@@ -167,7 +166,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        # The link covers only the fields that existed in the version which wrote the line.
+        # The link was computed from the fields that existed in the version that wrote the line.
         fields = form.model_dump(exclude_unset=True)
         told = fields.pop("link", None)
         if told is not None or link:

@@ -74,8 +74,8 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
     """Make the display names of runs unique.
 
-    If several runs have the same name, the folder of the run is appended to each of these names. If they are still
-    equal, a number is appended.
+    If several runs have the same name, the name of the run's folder is appended to each of these names. If the names
+    are still equal, a number is appended.
     """
     counts = Counter(names)
     named = [

@@ -228,7 +228,7 @@ def _intact(path: Path, digest: str | None) -> bytes:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Convert errors from reading a damaged or untrusted record into an error that names the file."""
+    """Context manager that converts errors from reading a damaged record to an error that names the file."""
     try:
         yield
     except BetterError as error:

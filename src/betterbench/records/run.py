@@ -290,7 +290,7 @@ class RunFolder:
         if unlisted:
             logger.warning(
                 "%s: the journal does not list %d existing records (%s and others). It was truncated, or the run was "
-                "killed. These records are ignored; repeat the command of the run to repeat their trials",
+                "killed. These records are ignored; run the command of this run again to repeat their trials",
                 self.journal_path,
                 len(unlisted),
                 one_line(unlisted[0]),
@@ -435,7 +435,7 @@ class RunFolder:
 
         Raises:
             RunConflictError: If a different scene has the same name, because it comes from another version or source.
-            InvalidInputError: In the same cases as :func:`~betterbench.records.scene_archive.write_scene`.
+            InvalidInputError: For the same reasons as in :func:`~betterbench.records.scene_archive.write_scene`.
         """
         name = scene.content_hash
         path = self.scene_path(name)
@@ -507,7 +507,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder (context manager). Raises RunConflictError if another process is writing to it."""
+        """Context manager that locks the folder. Raises RunConflictError if another process is writing to it."""
         with RunLock(self.path / LOCK_NAME):
             yield
 
@@ -557,7 +557,7 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
 
 
 def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return data as it is after a JSON round trip. Raises InvalidInputError if JSON cannot represent it."""
+    """Return data after a JSON round trip. Raises InvalidInputError if JSON cannot represent the data."""
     found: dict[str, Any] = json.loads(dump_json(form))
     return found
 

@@ -28,7 +28,9 @@ MAX_SCENE_FILES = 10_000
 """Maximum number of files in a stored scene."""
 
 _LEVEL = 3
-"""Compression level. It takes half as long as zlib's default level 6 (60 to 100 ms) and makes archives 5 % larger."""
+"""Compression level. Compression takes half as long as with zlib's default level 6 (60 to 100 ms) and archives are
+5 % larger.
+"""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20

@@ -21,7 +21,7 @@ from betterbench.tasks.relations import relation
 NEAR_M = 0.20
 """Distance [m] from the position where the gripper closes or opens, at which a window begins.
 
-It is longer than any straight approach.
+This distance is longer than any straight approach.
 """
 LIFTED_M = 0.06
 """Distance [m] from the position where the gripper closes, at which the window of a pick ends.
@@ -48,7 +48,7 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode. They cover all rows, but there are no segments if the gripper never closed.
+    """Return the segments of an episode, which cover all rows. The result is empty if the gripper never closed.
 
     Args:
         record: Record of the episode.

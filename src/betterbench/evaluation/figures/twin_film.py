@@ -131,7 +131,7 @@ def render_strips(
 ) -> dict[tuple[str, str, int], bytes]:
     """Render one strip of images per trial as a JPEG. The first image shows the initial state with the complete path.
 
-    Each of the other images shows a later state with the path up to that time. Raises the errors of
+    Each of the other images shows a later state with the path up to that time. Raises the same errors as
     :func:`render_paths`.
     """
     images: dict[tuple[str, str, int], bytes] = {}
@@ -156,9 +156,9 @@ def render_twin_films(
     views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
-    """Return videos that each show a trial, or a trial next to the training trial with the same seed (its twin).
+    """Return one video per entry of ``films``, showing either one trial or a trial next to its training twin.
 
-    ``views`` provides the rendering processes, as in :func:`render_paths`. Raises the errors of :func:`render_paths`.
+    """Return one video per entry of ``films``: either of one trial, or of a trial next to its training twin.
     """
     made: list[TwinFilm] = []
     with _views(look, max(map(len, films), default=0), views) as sides:
@@ -191,9 +191,9 @@ def write_twin_film(
 
 @contextmanager
 def _views(look: FilmLook, count: int, given: LimitedViews | None = None) -> Iterator[list[LimitedView]]:
-    """Provide ``count`` rendering processes, one for each trial in a video.
+    """Context manager that provides ``count`` rendering processes, one for each trial in a video.
 
-    Processes that are started here are ended afterwards. Processes that the caller passed in keep running.
+    When it exits, it ends the processes that it has started. Processes passed in by the caller keep running.
     """
     with ExitStack() as stack:
         views = given or stack.enter_context(LimitedViews())

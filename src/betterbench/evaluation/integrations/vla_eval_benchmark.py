@@ -60,8 +60,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     Args:
         run: Run folder. If it contains an interrupted run, that run is resumed, and the results of finished trials are
             taken from their records.
-        policy: Name of the policy in the report ("pi0-libero"). It must be given, because the harness does not tell a
-            benchmark which policy it evaluates.
+        policy: Name of the policy in the report ("pi0-libero"). It is required because the harness does not pass the
+            policy's name to a benchmark.
         conditions: Tasks ("fast_food", which stands for all conditions of the task) and single conditions
             ("fast_food/T1", "fast_food/train1"), as a list or one comma-separated string. By default, all conditions of
             better60.
@@ -335,7 +335,7 @@ def _won(outcome: Outcome | None) -> bool:
 
 @contextmanager
 def _stop_run() -> Iterator[None]:
-    """Stop the whole evaluation after an error that would also occur in every later episode (context manager).
+    """Context manager that stops the whole evaluation after an error that would also occur in every later episode.
 
     The harness catches all other errors of an episode and continues with the next episode.
     """

@@ -88,7 +88,7 @@ class Plan:
         for name in dict.fromkeys(t.task for t in self.trials):
             needed = get_task(name).robot
             if needed != self.robot:
-                problem = f"{name} is laid out for robot {needed!r}, but the run uses {self.robot!r}"
+                problem = f"{name} is made for robot {needed!r}, but the run uses {self.robot!r}"
                 raise InvalidInputError(
                     "robot", problem, f"Run this task with --robot {needed}, separately from tasks for other robots"
                 )

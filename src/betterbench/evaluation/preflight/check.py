@@ -156,7 +156,7 @@ def run_preflight(
     robot: str = USUAL_ROBOT,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Check a policy with its first requests in a trial, with the settings of a planned run.
+    """Check a policy by sending it the first requests of a trial, with the settings of a planned run.
 
     The default action space is the robot's standard action space if the policy supports it, or else the policy's own
     action space. If ``proof`` is True, a policy that uses observations also gets the observations of a demonstration
@@ -321,7 +321,7 @@ def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Describe where an image comes from and how it was converted."""
+    """Describe the camera and the conversion of an image."""
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:

@@ -256,7 +256,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal to write one line (context manager). Other processes wait until the journal is closed."""
+    """Context manager that opens the journal to write one line. Other processes wait until the journal is closed."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

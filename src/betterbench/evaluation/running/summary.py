@@ -93,7 +93,10 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Parts into which the duration of a run is divided."""
 
 WAITED = 0.2
-"""Smallest waiting fraction of the workers' time for which the policy or its messages count as the bottleneck."""
+"""Threshold for the fraction of time that workers spend waiting for the policy.
+
+At or above it, the policy or its messages count as the bottleneck.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,8 +162,8 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
     """Main function of a host process: serve a policy until the other end of ``pipe`` is closed.
 
     ``run`` contains the action space, the observation preset, the benchmark whose conventions apply (such as "libero",
-    or empty), and the control rate [Hz]. Port 0 stands for any free port. The description of the policy and the port,
-    or an error, are sent to ``pipe``.
+    or empty), and the control rate [Hz]. With port 0, any free port is used. After loading the policy, the process
+    sends the policy's description and the port to ``pipe``. If loading fails, it sends the error instead.
     """
     prepare_process()
     space, observation, world, rate_hz = run

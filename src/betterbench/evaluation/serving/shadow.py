@@ -112,7 +112,7 @@ class ShadowSimulation:
             return np.array(self._actions[step : step + count])
 
     def observation(self, step: int) -> Observation:
-        """Return the observation at a control step, without images. Raises the errors of :meth:`actions`."""
+        """Return the observation at a control step, without images. Raises the same errors as :meth:`actions`."""
         require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)
@@ -191,7 +191,7 @@ class ShadowSimulation:
             return
         tool = float(np.linalg.norm(seen.ee_position - here.ee_position))
         raise PolicyError(
-            f"{self.trial} step {step}: the client's robot is not where the returned actions lead (the joints "
+            f"{self.trial} step {step}: the client's robot is not in the simulated state (the joints "
             f"differ by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} "
             "m). The client executed other actions, or uses a different version of betterbench or another kind of CPU"
         )
@@ -231,7 +231,7 @@ class ShadowSimulations:
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow simulation of a trial. It is created if it does not exist."""
+        """Return the shadow simulation of a trial, and create it if necessary."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:

@@ -116,7 +116,7 @@ class ShadowSession:
             return self._chunk_began
         if min(gaps) > ASTRAY:
             raise PolicyError(
-                f"{shadow.trial} step {step}: the client's robot is not where the returned actions lead (its "
+                f"{shadow.trial} step {step}: the client's robot is not in the simulated state (its "
                 f"state differs by {min(gaps):.3g} m or rad). The client executed other actions, or sends the "
                 "state of another robot; a client without a state must send zeros"
             )

@@ -15,7 +15,7 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Needs of a policy object. It gets its own thread, because its replies may take any time."""
+"""Needs of a policy object: its own thread, because its replies may take any time."""
 
 
 class GivenPolicy(PolicyFactory):

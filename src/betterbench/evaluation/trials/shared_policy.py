@@ -96,7 +96,7 @@ class _Given:
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
-"""Request to the policy: the observation, preceded by the new episode if it is the episode's first observation."""
+"""Request to the policy: the start of a new episode (or None), and the observation."""
 
 
 class _SharedClient:

@@ -182,7 +182,7 @@ class Worker:
 
     @property
     def free(self) -> int:
-        """Number of environments that can take a trial."""
+        """Number of environments that are free for a new trial."""
         return sum(slot.steps is None and not slot.connecting for slot in self._slots)
 
     @property

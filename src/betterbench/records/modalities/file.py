@@ -318,7 +318,7 @@ def fault_text(path: Path, problem: RecordError) -> str:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Convert exceptions from reading a damaged file into an error that names the file."""
+    """Context manager that converts exceptions from reading a damaged file to an error that names the file."""
     try:
         yield
     except BetterError:

@@ -48,7 +48,7 @@ def semantic_id(category: str) -> int:
 
 
 def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
-    """Return the semantic ids of the built-in categories and of additional ones, ordered by id.
+    """Return the semantic ids of the built-in categories and the given categories, ordered by id.
 
     Raises:
         InvalidInputError: If two categories have the same id (probability 1/64512 for two user-defined categories).
