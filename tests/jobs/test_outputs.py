@@ -204,7 +204,7 @@ def test_a_folder_and_a_pipe_are_not_read(tmp_path):
     for path, said in (
         (tmp_path / "pipe", "not a regular file"),
         (tmp_path, "a folder"),
-        ("/dev/null", "not an ordinary"),
+        ("/dev/null", "not a regular"),
     ):
         with pytest.raises(NotOrdinaryError, match=said):
             open_ordinary(path)

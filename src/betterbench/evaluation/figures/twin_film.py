@@ -158,7 +158,8 @@ def render_twin_films(
 ) -> list[TwinFilm]:
     """Return one video per entry of ``films``, showing either one trial or a trial next to its training twin.
 
-    """Return one video per entry of ``films``: either of one trial, or of a trial next to its training twin.
+    ``views`` provides the rendering processes, as in :func:`render_paths`. Raises the same errors as
+    :func:`render_paths`.
     """
     made: list[TwinFilm] = []
     with _views(look, max(map(len, films), default=0), views) as sides:
