@@ -1,4 +1,4 @@
-"""Exceptions with messages that are written for users. Each message states the problem and how to solve it.
+"""Exceptions with messages for users. Each message states the problem and a remedy.
 
 Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its message as one line
 and exits with status 2. Any other exception is a bug and is shown with its traceback.

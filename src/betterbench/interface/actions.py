@@ -89,7 +89,7 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """Action (dim,) that keeps the robot still, or None if there is no such action that is valid in every state."""
+        """Action (dim,) that keeps the robot still in every state, or None if there is no such action."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property

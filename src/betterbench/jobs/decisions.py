@@ -89,7 +89,7 @@ LineT = TypeVar("LineT", bound=DecisionLine)
 
 @dataclass(frozen=True, slots=True)
 class History(Generic[LineT]):
-    """Decisions about one subject, without those that were undone.
+    """Decisions about one subject, without undone decisions.
 
     Attributes:
         reviews: Decisions that were not undone, with their line numbers.
@@ -177,7 +177,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @property
     def reviews(self) -> tuple[LineT, ...]:
-        """All decisions in the journal, including those that were undone."""
+        """All decisions in the journal, including undone decisions."""
         return tuple(self._reviews)
 
     def check(self, review: LineT) -> None:

@@ -70,7 +70,7 @@ class LimitedProcess:
             arguments: Arguments of the function.
             cpu_s: CPU time limit of a request [s]. This class only mentions the limit in messages;
                 :func:`answer_requests` enforces it.
-            environment: Environment variables to add to those of this process.
+            environment: Additional environment variables of the child process.
         """
         module, _, function = main.partition(":")
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)

@@ -1,6 +1,6 @@
 """Parquet files that store arrays of equal length.
 
-Each array is one column. A column of a two-dimensional array stores one list of fixed size per row.
+Each array is one column. For a two-dimensional array, each cell of the column is a list of fixed size.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ class RecordBuilder:
 
         Raises:
             InvalidInputError: If there are no rows, if the values of the predicates and subgoals are missing in a row,
-                if a state does not list the objects of the scene, or if the outcome contradicts itself.
+                if a state does not list the objects of the scene, or if the outcome is inconsistent.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:

@@ -100,7 +100,7 @@ class SubgoalSegment:
         region: Region of the target, or "" if the target has only one.
         start: First row.
         stop: Row after the last row of the segment.
-        skills: Skill windows within these rows, in order of time. Between two windows, the arm is in transit.
+        skills: Skill windows within these rows, in chronological order. Between two windows, the arm is in transit.
     """
 
     subgoal: str

@@ -55,7 +55,7 @@ class Outcome:
     invalid_actions: int = 0
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the outcome contradicts itself."""
+        """Raise InvalidInputError if the outcome is inconsistent."""
         if self.termination not in TERMINATIONS:
             problem = f"{self.termination!r} is not a valid termination"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")

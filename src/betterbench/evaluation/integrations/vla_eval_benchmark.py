@@ -69,7 +69,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         seed: First seed.
         adapter: Name of an adapter preset, or path of a JSON file with an adapter. An adapter describes the format of
             requests and answers.
-        cameras: Cameras that replace those of the adapter, by key in the request ({"images/agentview":
+        cameras: Cameras to use instead of the adapter's cameras, by key in the request ({"images/agentview":
             "left_shoulder"}).
         observation: Name of an observation preset. "state_only" renders no images.
         quality: Name of a rendering preset.

@@ -21,7 +21,10 @@ _LEFT_OUT = "dev"  # extra with test tools and linters, which do not affect resu
 
 
 def describe_machine() -> dict[str, object]:
-    """Return a description of this machine's CPU, memory and GPUs, as far as they can be determined."""
+    """Return a description of this machine's CPU, memory and GPUs.
+
+    Values that cannot be determined are "unknown", 0 or an empty list.
+    """
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),

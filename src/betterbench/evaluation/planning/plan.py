@@ -41,7 +41,7 @@ class Plan:
         observation: Name of the observation preset.
         quality: Name of the rendering preset.
         robot: Name of the robot.
-        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
+        looks: Set of appearances for objects and rooms: "seen" (as in demonstrations) or "unseen" (held out).
         until_decided: Rule that decides when a variation needs no more trials. If None, all trials are run.
         world: Benchmark in whose simulator the trials are run: betterbench, LIBERO or CALVIN.
     """

@@ -25,7 +25,7 @@ def make_world_plan(
     seed: int = 0,
     action_space: str | None = None,
     observation: str = "default",
-    **options: Any,  # noqa: ANN401 - those of the world
+    **options: Any,  # noqa: ANN401 - options of the world
 ) -> Plan:
     """Return the plan of a run for a suite of any benchmark.
 
@@ -61,7 +61,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space for a run: the requested one, else that of the policy, else the benchmark's default."""
+    """Return the requested action space, else the policy's action space, else the default of the benchmark."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)

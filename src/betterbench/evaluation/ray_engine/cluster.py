@@ -52,7 +52,7 @@ class Cluster:
 def require_ray(cluster: Cluster) -> None:
     """Check that Ray is installed and that the cluster's address accepts connections, without importing Ray.
 
-    If no cluster is running at the address, this check fails at once, whereas Ray would try to connect for minutes.
+    If no cluster is running at the address, this check fails at once. Ray itself would try to connect for minutes.
     """
     if importlib.util.find_spec("ray") is None:
         raise missing_extra("--engine ray: Ray is not installed", "ray")

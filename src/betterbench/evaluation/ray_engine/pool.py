@@ -95,7 +95,7 @@ class RayPool:
     """Pool of the workers that run the trials of a run on a Ray cluster."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
-        """Create the pool. The arguments are those of :func:`ray_entries`."""
+        """Create the pool. The arguments are the same as for :func:`ray_entries`."""
         self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
         self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)

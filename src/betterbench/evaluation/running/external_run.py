@@ -137,7 +137,7 @@ class ExternalRun:
 
         Raises:
             PolicyError: If the trial failed with an error. The journal contains the reason.
-            PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
+            PremiseError: If the scene violates an assumption of the instruction. The run must stop.
             StorageError: If the disk is full. The run must stop.
         """
         self.abandon("the external loop began another episode")

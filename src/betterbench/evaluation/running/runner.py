@@ -122,7 +122,7 @@ def evaluate(
     Raises:
         RunConflictError: If the folder contains a different run, if another process writes to it, or if the policy has
             changed.
-        PremiseError: If a scene contradicts what its instruction assumes.
+        PremiseError: If a scene violates an assumption of its instruction.
         InvalidInputError: If a number is out of range, or if the policy uses a different action space than the run.
         UnknownNameError: If no policy has this address.
         PolicyUnavailableError: If the policy's server cannot be reached.
@@ -233,7 +233,7 @@ class _Asked:
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Create the policy or connect to it, and compare the conventions of the policy with those of the run.
+    """Create the policy or connect to it, and compare the conventions of policy and run.
 
     When ``stack`` is closed, the resources of the policy are released.
     """

@@ -110,7 +110,7 @@ class RunTimes:
         rendering_s: Time for creating observations, which is mostly spent on rendering images [s].
         wire_s: CPU time that betterbench spends on messages to and from the policy: resizing, packing and sending
             images, and reading replies [s]. The network latency is part of ``policy_s``.
-        idle_s: Time during which workers only waited for the policy [s].
+        idle_s: Time that workers spent waiting for the policy [s].
         envs: Number of environments per worker in the last trial, or None if the policy runs in the worker itself.
     """
 

@@ -67,7 +67,7 @@ class ShadowSimulation:
 
         Raises:
             UnknownNameError: If the policy, task or condition does not exist.
-            PolicyError: If the scene contradicts what the instruction assumes.
+            PolicyError: If the scene violates an assumption of the instruction.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition
@@ -101,7 +101,7 @@ class ShadowSimulation:
 
         Raises:
             InvalidInputError: If the trial ends before ``step``.
-            PolicyError: If the client's state differs from that of the simulation, or if the policy fails.
+            PolicyError: If the client's state differs from the simulated state, or if the policy fails.
         """
         require_within(self.trial, step, self.step_limit)
         with self._lock:

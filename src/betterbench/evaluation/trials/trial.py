@@ -161,7 +161,7 @@ class TrialRunner:
         may append to the journal.
 
         Raises:
-            PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
+            PremiseError: If the scene violates an assumption of the instruction. The run must stop.
             StorageError: If the disk is full. The run must stop.
         """
         began = time.perf_counter()

@@ -215,7 +215,7 @@ class Worker:
         """Run the trials until at least one has ended or ``timeout_s`` [s] has passed. Return the journal entries.
 
         Raises:
-            PremiseError: If a scene contradicts what its instruction assumes.
+            PremiseError: If a scene violates an assumption of its instruction.
             StorageError: If the disk is full.
             PolicyUnavailableError: If the policy's server cannot be reached. The previous call has already returned the
                 journal entry of the trial.

@@ -25,8 +25,8 @@ class SeenObject:
             would be visible without occlusion and image borders.
         pixels: Number of visible pixels.
         centroid: Mean column and row of the visible pixels [pixel]. This point may be outside the object.
-        runs: Run-length encoding of the visible pixels, row by row: number of pixels outside the object, then number
-            of visible pixels of the object, and so on in turn.
+        runs: Run-length encoding of the visible pixels, row by row. The numbers alternate between pixels outside the
+            object and visible pixels of the object, starting with pixels outside.
     """
 
     box: Box

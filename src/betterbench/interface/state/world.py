@@ -68,9 +68,9 @@ class WorldState:
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return the position of an object in the world frame [m].
+        """Return the position of an object's frame in the world frame [m].
 
-        The position is that of the object frame's origin, which is the center of the object's bottom face.
+        The origin of the object's frame is the center of its bottom face.
         """
         return self.positions[self.info.index(name)]
 
