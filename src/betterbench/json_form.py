@@ -261,12 +261,12 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
-        elif isinstance(error, InvalidInputError):  # from the dataclass itself
+        elif isinstance(error, InvalidInputError):  # raised by the dataclass
             place = f"{where}: {error.where}" if error.where else where
             wrong = InvalidInputError(place, error.problem, f"{error.cure.rstrip('.')}. {cure}")
         elif isinstance(error, BetterError):
             raise
-        else:  # from json.dumps
+        else:  # raised by json.dumps
             said = (str(error).splitlines() or [type(error).__name__])[0]
             wrong = InvalidInputError(where, f"is not JSON ({said})", cure)
         raise _as(raises, wrong) from error
@@ -347,7 +347,7 @@ def open_ordinary(path: Path) -> io.BufferedReader:
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        if error.errno == errno.ENXIO:  # from a socket
+        if error.errno == errno.ENXIO:  # the path leads to a socket
             raise NotOrdinaryError(errno.EINVAL, "is not a regular file", str(path)) from error
         raise
     kind = os.fstat(handle).st_mode

@@ -76,7 +76,7 @@ def in_threads(
             with lock:
                 closing.push(opened)
                 resources.append(own.resource)
-            if stopped.is_set():  # failed while opening the resource
+            if stopped.is_set():  # another thread failed while this thread opened its resource
                 own.resource.stop()
         return work(own.resource, item)
 

@@ -175,7 +175,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
                 raise not_following(where, _LINE_CURE)
         entry = JournalEntry(**fields)
         if entry.status == "error":
-            done.pop(entry.key, None)  # marked because its record was missing
+            done.pop(entry.key, None)  # the trial was marked as unfinished, so a later line may finish it again
         elif entry.key in done:
             raise RecordError(f"{where}: {entry.key} is already finished in line {done[entry.key]}. {_LINE_CURE}.")
         else:

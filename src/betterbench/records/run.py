@@ -551,7 +551,7 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
         # training condition.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
-            return None  # the code that reads the plan reports this
+            return None  # the code that reads the plan reports this problem
         found[TrialId(task, condition, seed)] = form
     return found
 

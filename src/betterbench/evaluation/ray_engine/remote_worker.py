@@ -77,7 +77,7 @@ class RemoteWorker:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
         self._waiting: deque[Trial] = deque()
-        self._steps = 0  # since the last report
+        self._steps = 0  # number of control steps since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
         """Prepare the worker, and return the software versions on this machine.

@@ -78,7 +78,7 @@ class RaySession:
         except BaseException as error:
             ray.shutdown()  # Ray may have started some processes before the error
             if not isinstance(error, Exception):
-                raise  # Ctrl-C
+                raise  # Ctrl-C or an exit of the process
             where = address or "this machine"
             raise InvalidInputError(
                 "--ray-address", f"no Ray cluster at {where} ({first_line(error)})", "Start a cluster with `ray start`"

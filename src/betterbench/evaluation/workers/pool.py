@@ -139,7 +139,7 @@ class WorkerPool:
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             taken = {worker.turn for worker in self._processes}
             turn = next(number for number in itertools.count() if number not in taken)
-            with interrupts_blocked():  # until the process is in the list
+            with interrupts_blocked():  # an interrupt must not leave a process that is not in the list
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:

@@ -109,7 +109,7 @@ class _Slot:
     question: Question | None = None  # last request of the trial
     outcome: Reply | BaseException | None = None  # outcome of the last request, until the trial uses it
     waits: bool = False  # whether the trial cannot continue before the outcome arrives
-    figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
+    figures: Mapping[str, float] = field(default_factory=dict)  # numbers of retries and reconnections
     wire_s: float = 0.0  # CPU time spent on messages of the trial
     connecting: bool = False  # whether the environment is new and waits for the connection of its policy
 
@@ -147,7 +147,7 @@ class Worker:
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
         self._idle_s = 0.0  # time spent waiting since the last trial ended
-        self._ended = 0  # trials
+        self._ended = 0  # number of trials that have ended
         used = used_bytes() if settings.most_envs > settings.envs else 0
         self._count = EnvironmentCount(
             settings.envs,
