@@ -121,8 +121,8 @@ class ActionSpace:
                 f"{self.name} action: expected shape ({self.dim},), got {given.shape}. "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        # A plain loop over floats takes 1 us. An array operation takes 3 us, because the CPU caches are cold between two
-        # physics steps. A combination of `all` and `map` takes twice as long as the loop.
+        # A plain loop over floats takes 1 us. An array operation takes 3 us, because the CPU caches are cold between
+        # two physics steps. A combination of `all` and `map` takes twice as long as the loop.
         values: list[float] = given.tolist()
         for value, low, high in zip(values, self.low, self.high, strict=True):
             if not low <= value <= high:

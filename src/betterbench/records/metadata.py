@@ -17,7 +17,7 @@ from betterbench.tasks import Looks
 SCHEMA_VERSION = 1
 """Version of the columns and metadata of a record.
 
-It is increased when older versions of betterbench would misinterpret a new file.
+Increase it when older versions of betterbench would misinterpret a new file.
 """
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]

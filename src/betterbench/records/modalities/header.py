@@ -17,8 +17,8 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 FORMAT_VERSION: Literal[2] = 2
 """Version of the columns and the header.
 
-It is increased when older versions of betterbench would misinterpret a new file. Files of version 1 have no checksum,
-and `better materialize` creates them again.
+Increase it when older versions of betterbench would misinterpret a new file. Files of version 1 have no checksum, and
+`better materialize` creates them again.
 """
 
 _Count = Annotated[int, Field(ge=0)]
