@@ -1,4 +1,4 @@
-"""Exceptions with messages that are written for users. Each message states the problem and how to solve it.
+"""Exceptions with messages for users. Each message states the problem and a remedy.
 
 Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its message as one line
 and exits with status 2. Any other exception is a bug and is shown with its traceback.
@@ -34,10 +34,8 @@ Tab and line feed are not included.
 def printable(text: str, *, most: int) -> str:
     """Shorten external text if it is too long, and replace characters that could control a terminal.
 
-    Line breaks are kept.
-
-    Characters in :data:`UNPRINTABLE` are replaced by U+FFFD. If the text has more than ``most`` characters, it is cut
-    there, and the number of omitted characters is appended.
+    Text after the first ``most`` characters is replaced by a note with the number of omitted characters. Characters in
+    :data:`UNPRINTABLE` are replaced by U+FFFD. Line breaks are kept.
     """
     cut = len(text) - most
     if cut > 0:
@@ -215,7 +213,7 @@ class InvalidActionError(BetterError):
 
 
 class PolicyError(BetterError):
-    """A policy has crashed, answered too late or violated its protocol.
+    """A policy has crashed, answered too late or violated the policy protocol.
 
     The trial ends with the termination ``policy_error``.
     """
@@ -238,7 +236,7 @@ class ModelError(BetterError):
 
 
 class HandshakeError(BetterError):
-    """The two sides of a handshake declare different conventions. The message names both."""
+    """A policy and the benchmark declare different conventions in their handshake. The message names both."""
 
 
 class PremiseError(BetterError):
@@ -277,7 +275,7 @@ class GraphicsError(MissingDependencyError):
 
 
 def system_error_text(problem: OSError) -> str:
-    """Describe an error of the operating system in one line, with the path concerned and a remedy."""
+    """Describe an error of the operating system in one line, with the path and a remedy."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__
@@ -306,10 +304,16 @@ class PlanningError(BetterError):
 
 
 def require_parameters(where: str, name: str, function: Callable[..., object], parameters: str) -> None:
-    """Check that a function of an extension can be called with some positional arguments ("state, object, target").
+    """Check that a function of an extension can be called with the given positional parameters.
+
+    Args:
+        where: Location of the function, for the error message.
+        name: Name of the function.
+        function: The function.
+        parameters: Names of the parameters, separated by commas ("state, object, target").
 
     Raises:
-        InvalidInputError: If it has other parameters.
+        InvalidInputError: If the function has other parameters.
     """
     try:
         inspect.signature(function).bind(*parameters.split(", "))

@@ -1,4 +1,4 @@
-"""Shell commands for this installation: how to install extras, and how to run ``better``.
+"""Shell commands for this installation, which install extras and run ``better``.
 
 Messages to the user contain these commands. In a git clone, ``make setup`` installs extras from lock files. If
 betterbench was installed from a wheel, the package installer of the Python environment is used. The command ``better``
@@ -72,7 +72,7 @@ EXTRAS = {
     "vlm": Extra("vision-language models in the same process", ("torch", "transformers")),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
-"""Extras of the package by name, except the one for developers."""
+"""Extras of the package by name, except the developer extra."""
 
 
 def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
@@ -234,9 +234,9 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return the command that starts uv, after looking on the search path, next to this Python and in the git clone.
+    """Return the command that starts uv, or None if uv is not found.
 
-    Return None if uv is not found.
+    The search covers the PATH, the folder of this Python's scripts, and the git clone.
     """
     if shutil.which("uv"):
         return "uv"

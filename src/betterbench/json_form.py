@@ -9,7 +9,7 @@ Decorate the dataclass with :data:`strict_form`, and parse the text with its ``T
     _METRIC = TypeAdapter(Metric)
     metric = read_form(_METRIC, path.read_bytes(), where=str(path), cure="Restore the file")
 
-A document may be sealed, i.e. contain a checksum of itself. :func:`open_seal` checks the seal before any field is read.
+A sealed document contains a checksum of its content. :func:`open_seal` checks it before any field is read.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ true.
 open_form = with_config(_STRICT)
 """Class decorator like :data:`strict_form` that ignores unknown keys.
 
-It is for parts of a file that another version may have written.
+Use it for parts of a file that another version may have written.
 """
 
 
 growing_form = with_config(ConfigDict(**_STRICT, extra="allow"))
 """Decorator like :data:`strict_form` for a ``TypedDict`` that keeps unknown keys.
 
-It is for parts of a file that are read and written back.
+Use it for parts of a file that are read and written back.
 """
 
 
@@ -84,7 +84,7 @@ def _no_truth(value: object) -> object:
 
 
 NO_TRUTH = BeforeValidator(_no_truth)
-"""Validator for Literal fields with numbers, for which pydantic alone would accept false as 0 and true as 1."""
+"""Validator that rejects booleans in Literal fields with numbers. pydantic alone would accept false as 0."""
 
 
 def read_form(
@@ -137,7 +137,7 @@ def seal_of(form: Mapping[str, Any]) -> str:
 def content_digest(name: str, data: bytes) -> str:
     """Return the SHA-256 of a name together with its content.
 
-    The digest of the same content under a different name is different.
+    If the same content is stored under two names, the digests differ.
     """
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
@@ -212,10 +212,7 @@ def open_sealed_lines(
 
 
 def say_unsealed(where: str) -> None:
-    """Warn that a document was written by an earlier version without a checksum.
-
-    For each document, the warning is logged only once.
-    """
+    """Warn that a document was written by an earlier version without a checksum. Warn once per document."""
     if where not in _SAID:
         _SAID.add(where)
         logger.warning(
@@ -256,7 +253,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """Convert exceptions during JSON validation to a one-line error with the file, the field and the remedy.
 
     Raises:
-        BetterError: If pydantic, ``json`` or the dataclass raises an exception. The BetterError replaces it.
+        BetterError: If pydantic, ``json`` or the dataclass raises an exception.
     """
     try:
         yield
@@ -264,12 +261,12 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
-        elif isinstance(error, InvalidInputError):  # from the dataclass itself
+        elif isinstance(error, InvalidInputError):  # raised by the dataclass
             place = f"{where}: {error.where}" if error.where else where
             wrong = InvalidInputError(place, error.problem, f"{error.cure.rstrip('.')}. {cure}")
         elif isinstance(error, BetterError):
             raise
-        else:  # from json.dumps
+        else:  # raised by json.dumps
             said = (str(error).splitlines() or [type(error).__name__])[0]
             wrong = InvalidInputError(where, f"is not JSON ({said})", cure)
         raise _as(raises, wrong) from error
@@ -278,10 +275,10 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
     """Parse JSON. Raises ValueError if the text is not valid JSON or is nested more than 200 levels deep.
 
-    Deeper nesting would cause errors in code that traverses the value. Integers may be arbitrarily large, as in JSON.
-    To calculate with them, validate the value with a class that limits their size. If ``unique`` is True,
-    InvalidInputError is raised if a key occurs twice. If a function ``number`` is given, it converts all numbers, and
-    NaN and Infinity are rejected.
+    Deeper nesting would cause errors in code that traverses the value. Integers may be arbitrarily large, as in JSON,
+    so validate the value with a class that limits their size before you calculate with them. If ``unique`` is True, a
+    key that occurs twice raises InvalidInputError. If a function ``number`` is given, it converts all numbers, and NaN
+    and Infinity are rejected.
     """
     try:
         found = json.loads(
@@ -350,14 +347,14 @@ def open_ordinary(path: Path) -> io.BufferedReader:
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        if error.errno == errno.ENXIO:  # from a socket
-            raise NotOrdinaryError(errno.EINVAL, "is not an ordinary file", str(path)) from error
+        if error.errno == errno.ENXIO:  # the path leads to a socket
+            raise NotOrdinaryError(errno.EINVAL, "is not a regular file", str(path)) from error
         raise
     kind = os.fstat(handle).st_mode
     if stat.S_ISREG(kind):
         return os.fdopen(handle, "rb")
     os.close(handle)
-    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is not an ordinary file"
+    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is not a regular file"
     raise NotOrdinaryError(errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL, problem, str(path))
 
 
@@ -391,10 +388,7 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 
 
 _MOST_OF_A_FIELD = 200
-"""Maximum number of characters of a field's name in a message.
-
-It is limited because the keys of a map are untrusted.
-"""
+"""Maximum number of characters of a field's name in a message. The name may come from an untrusted file."""
 _MOST_OF_A_PROBLEM = 600
 """Maximum number of characters of a problem's description in a message, which may quote the value of the field."""
 

@@ -1,10 +1,10 @@
 """Quoting of external strings, with one function per output format.
 
-A name in an untrusted data set, run, record, plan or answer may contain any characters. How it must be quoted depends
-on the program that reads the output (a shell, a browser, a spreadsheet, LaTeX). The rules are implemented once, in this
-module. Terminal lines and messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`.
-Unsafe names of files to be read are rejected rather than quoted (``betterbench.records``). Python source is written
-with ``repr``, YAML strings with ``json.dumps``, and JSON for people with :func:`json_text`.
+A name in an untrusted data set, run, record, plan or answer may contain any characters. The required quoting depends on
+the program that reads the output (a shell, a browser, a spreadsheet, LaTeX). For terminal lines and messages, use
+:func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`. Quote Python source with ``repr``, YAML
+strings with ``json.dumps``, and JSON for people with :func:`json_text`. Do not quote unsafe names of files to be read,
+but reject them (``betterbench.records``).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _encoding_of(letter: str) -> str:
 LONGEST_NAME = 100
 """Maximum number of characters of a default name, including the digest.
 
-File systems allow 255 bytes, of which suffixes and names of temporary files need some.
+File systems allow 255 bytes. The rest is left for suffixes and for the names of temporary files.
 """
 _DIGEST_LETTERS = 8
 
@@ -153,8 +153,8 @@ def _escaped(found: re.Match[str]) -> str:
 def markdown_text(text: object) -> str:
     """Escape a string as one line of Markdown, for a paragraph, a list, a heading or a table cell.
 
-    Only characters that CommonMark or GitHub would interpret are escaped. Ordinary names stay unchanged, for example if
-    they contain an underscore between letters, brackets without an address, or a single ampersand.
+    Only characters that CommonMark or GitHub would interpret are escaped. An underscore between letters, brackets
+    without an address, and a single ampersand stay unchanged.
     """
     line = _MARKDOWN.sub(r"\\\g<0>", one_line(text, most=LONGEST_TEXT))
     return re.sub(r"^(\d+)([.)])(?=\s|$)", r"\1\\\2", line)
@@ -163,7 +163,7 @@ def markdown_text(text: object) -> str:
 _MARKDOWN = re.compile(
     r"[\\`|~]|\*(?!\s)|(?<=\S)\*|^\*"
     r"|(?<![^\W_])_|_(?![^\W_])"  # emphasis
-    r"|\](?=[(\[:])"  # links, images and what they refer to
+    r"|\](?=[(\[:])"  # links, images and link definitions
     r"|<(?=[A-Za-z/!?])|&(?=[#\w])"  # elements and entities
     r"|^[#>]|#(?=#*$)|^[+-](?=\s|$)|^[=-](?=[=-]*$)"  # headings, quotations, lists and rules
 )
@@ -228,7 +228,7 @@ _LATEX = {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
-    '"': r"\char34{}",  # \textquotedbl needs another encoding of fonts than the usual one
+    '"': r"\char34{}",  # \textquotedbl is not defined in the default font encoding
     "\N{REPLACEMENT CHARACTER}": "?",
     "→": r"$\rightarrow$",
     "−": r"$-$",

@@ -101,7 +101,7 @@ def test_eval_says_what_its_trials_can_show_at_every_level():
 def test_eval_says_what_its_trials_cannot_show():
     text = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=2))
     assert (
-        "too few to show any drop within an axis (2 to 4 pairs) and within a variation (2 pairs). Give more --trials"
+        "too few to show any drop within an axis (2 to 4 pairs) and within a variation (2 pairs). Use more --trials"
         in text
     )
     assert "overall (12 pairs)" in text

@@ -245,7 +245,7 @@ def test_a_client_with_liberos_layout_that_plays_other_actions_is_told(number, v
         client.execute(actions)
         answer = client.libero(**({"better/step": 8} if counts else {}))
     assert isinstance(answer, str)
-    assert "morning_coffee/train1/0 step 8: the client's robot is not where the returned actions lead" in answer
+    assert "morning_coffee/train1/0 step 8: the client's robot is not in the simulated state" in answer
     assert "executed other actions" in answer
     assert "\n" not in answer
 

@@ -116,7 +116,7 @@ def test_a_plan_without_a_twin_is_refused():
 def test_a_run_until_decided_says_what_it_decides_before_it_starts():
     said = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=20, until_decided=True))
     assert "Each of the 6 variations gets 5 to 20" in said
-    assert "not to drop by 50 points" in said
+    assert "does not drop by 50 points" in said
     assert "at most 5 % are expected to be wrong" in said
 
 

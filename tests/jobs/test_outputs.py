@@ -202,9 +202,9 @@ def test_no_tail_is_cut_off_that_is_no_beginning_of_a_line(tmp_path):
 def test_a_folder_and_a_pipe_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path, said in (
-        (tmp_path / "pipe", "not an ordinary file"),
+        (tmp_path / "pipe", "not a regular file"),
         (tmp_path, "a folder"),
-        ("/dev/null", "not an ordinary"),
+        ("/dev/null", "not a regular"),
     ):
         with pytest.raises(NotOrdinaryError, match=said):
             open_ordinary(path)

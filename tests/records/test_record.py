@@ -210,7 +210,7 @@ def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state
     with pytest.raises(InvalidInputError, match="Pass 2 predicates and 2 subgoals"):
         builder.append_truth(predicates=(True,), subgoals=(), goal=False)
     builder.append_truth(**truths[1])
-    with pytest.raises(InvalidInputError, match="all 2 rows already have their relations"):
+    with pytest.raises(InvalidInputError, match="all 2 rows already have their predicates and subgoals"):
         builder.append_truth(**truths[1])
     found = [b.finish(termination="step_limit", success=False) for b in (builder, at_once)]
     assert found[0].same_bits(found[1])

@@ -95,7 +95,7 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
     lines = [json.loads(line) for line in path.read_bytes().splitlines()]
     old = [{name: value for name, value in line.items() if name not in ("link", "record")} for line in lines]
     path.write_text("".join(f"{json.dumps(line)}\n" for line in old), encoding="utf-8")
-    with pytest.raises(RecordError, match="line 3 says that fast_food/R1/0 is finished, as line 2 already does"):
+    with pytest.raises(RecordError, match="line 3: fast_food/R1/0 is already finished in line 2"):
         read_journal(path)
 
 

@@ -109,10 +109,10 @@ def test_conditions_without_a_cloth_keep_their_form() -> None:
 def test_a_run_takes_the_robot_of_its_task_and_refuses_another() -> None:
     plan = make_plan("expert", tasks=["fruit_basket"], trials=1)
     assert plan.robot == "so101"
-    message = "fruit_basket is laid out for robot 'so101', but the run uses 'panda'"
+    message = "fruit_basket is made for robot 'so101', but the run uses 'panda'"
     with pytest.raises(InvalidInputError, match=message):
         replace(plan, robot="panda")
-    with pytest.raises(InvalidInputError, match="fast_food is laid out for robot 'panda', but the run uses 'so101'"):
+    with pytest.raises(InvalidInputError, match="fast_food is made for robot 'panda', but the run uses 'so101'"):
         make_plan("expert", tasks=["fruit_basket", "fast_food"], trials=1)
 
 

@@ -1,4 +1,4 @@
-"""Evaluation: workers run the trials of a plan and write a run folder. The same command resumes an unfinished run.
+"""Evaluation: workers run the trials of a plan and write the results to a run folder.
 
 - ``planning``: plan and manifest of a run.
 - ``trials``: execution of one trial in one process.
@@ -10,8 +10,8 @@
 - ``integrations``: the tasks in other evaluation harnesses.
 - ``figures``: images and videos.
 
-Except for ``figures``, the packages are listed from the lowest layer to the highest. Each public name is imported from
-its module at first use.
+Except for ``figures``, each package may import only the packages listed before it. Each public name is imported from
+its module when it is first used.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Action spaces: what each number in an action means. Both sides of a policy handshake compare these declarations.
+"""Action spaces, which declare the meaning of each number in an action. Policy handshakes compare these declarations.
 
 The last number of every action controls the gripper. In most action spaces, a positive number closes the gripper, a
 negative number opens it, and zero keeps the last commanded width. Only the sign matters, and the fingers move at a
@@ -20,15 +20,15 @@ import numpy as np
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 
 TRANSLATION_PER_UNIT_M = 0.05
-"""Translation per action unit [m], as in LIBERO. It is the output scale of robosuite's OSC_POSE controller there."""
+"""Translation per action unit [m]: the output scale of robosuite's OSC_POSE controller in LIBERO."""
 
 ROTATION_PER_UNIT_RAD = 0.5
-"""Rotation per action unit [rad]. It is the scale of the axis-angle part of the same OSC_POSE controller."""
+"""Rotation per action unit [rad]: the output scale of the same controller for rotation vectors."""
 
 JOINT_STEP_PER_UNIT_RAD = 0.1
 """Joint step per action unit [rad].
 
-It gives 2.0 rad/s at 20 Hz, just below the velocity limit of the slowest Panda joint (2.175 rad/s).
+At 20 Hz, this gives 2.0 rad/s, just below the velocity limit of the slowest Panda joint (2.175 rad/s).
 """
 
 CONTROL_RATE_HZ = 20.0
@@ -44,7 +44,7 @@ GRIPPER_CONVENTION = (
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:
-    """Declaration of what each number in an action means.
+    """Declaration of the meaning of each number in an action.
 
     Attributes:
         name: Name of the action space ("ee_delta").
@@ -89,7 +89,7 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """Action (dim,) that keeps the robot still, or None if there is no such action that is valid in every state."""
+        """Action (dim,) that keeps the robot still in every state, or None if there is no such action."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property
@@ -105,9 +105,8 @@ class ActionSpace:
     def clip(self, action: object) -> np.ndarray:
         """Check an action, and return it as a new (dim,) float64 array.
 
-        If the space clips, numbers out of bounds are moved to the nearest bound.
-
-        Clipping is idempotent, so replaying a recorded action gives the same result.
+        If the action space clips (:attr:`clips`), numbers out of bounds are moved to the nearest bound. Clipping is
+        idempotent, so replaying a recorded action gives the same result.
 
         Raises:
             InvalidActionError: If the shape or type is wrong, or if a number is not finite.
@@ -122,8 +121,8 @@ class ActionSpace:
                 f"{self.name} action: expected shape ({self.dim},), got {given.shape}. "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        # A plain loop over floats is faster: between two physics steps the CPU caches are cold, and an array operation
-        # takes 3 us instead of 1 us. A combination of `all` and `map` takes twice as long as the loop.
+        # A plain loop over floats takes 1 us. An array operation takes 3 us, because the CPU caches are cold between
+        # two physics steps. A combination of `all` and `map` takes twice as long as the loop.
         values: list[float] = given.tolist()
         for value, low, high in zip(values, self.low, self.high, strict=True):
             if not low <= value <= high:
@@ -139,7 +138,7 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return how many of the actions (n, dim) have at least one component that is out of bounds."""
+        """Return the number of actions (n, dim) with at least one component out of bounds."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
@@ -250,13 +249,14 @@ JOINT_DELTA = ActionSpace(
 ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)
 }
-"""Action spaces of betterbench's own scenes that do not depend on the motors of a certain robot."""
+"""Action spaces of betterbench's own scenes that do not depend on the motors of a specific robot."""
 
 SO101_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 """Motors of the SO-101 as LeRobot names them, in the order of LeRobot's states and actions. The gripper is last."""
 _SO101_RANGES = (1.91986, 1.74533, 1.69, 1.65806, math.pi)
-"""Largest angle of each arm joint from the middle of its calibrated range [rad]: TheRobotStudio's model with the new
-calibration. LeRobot calibrates ``wrist_roll`` as a full turn.
+"""Largest angle of each arm joint from the middle of its calibrated range [rad].
+
+Source: TheRobotStudio's model with the new calibration. LeRobot calibrates ``wrist_roll`` as a full turn.
 """
 
 _SO101_CALIBRATION = (
@@ -292,13 +292,13 @@ SO101_NORMALIZED = _so101(
 """Action space of LeRobot's ``so101_follower`` with ``use_degrees=False`` (``MotorNormMode.RANGE_M100_100``)."""
 
 ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (SO101_DEGREES, SO101_NORMALIZED)}
-"""Action spaces of betterbench's own scenes that are in the units of one robot's motors."""
+"""Action spaces of betterbench's own scenes that use the motor units of a specific robot."""
 
 JOINT_SPACES = frozenset({JOINT_POSITION.name, JOINT_DELTA.name, *ROBOT_ACTION_SPACES})
 """Action spaces with one number per arm joint."""
 
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
-"""Action spaces whose gripper component is the opening itself instead of a direction."""
+"""Action spaces whose gripper component sets the opening width instead of a direction of motion."""
 
 PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
 """Action spaces to which planned ``ee_delta`` motions can be converted: ``ee_delta`` itself, and spaces of absolute
@@ -387,7 +387,7 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""Action spaces that only other worlds support."""
+"""Action spaces of LIBERO and CALVIN that betterbench's own scenes do not support."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": (*ACTION_SPACES, *ROBOT_ACTION_SPACES),

@@ -13,7 +13,7 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """Camera of an observation: its name in the scene and the size of its images [pixel]."""
+    """Name of a camera in the scene and size of its images [pixels]."""
 
     name: str
     width: int = 256

@@ -28,10 +28,10 @@ class Execution:
 
     Attributes:
         horizon: Number of actions executed from each chunk before the next request. If it is None, all are executed.
-        ahead: How many control steps before the end of a chunk the next chunk is requested. The rest of the old chunk
-            is executed in the meantime. The same number of actions is dropped from the beginning of the new chunk,
-            because they were meant for control steps that have passed. If ``ahead`` is 0, the simulation waits for
-            every reply.
+        ahead: Number of control steps between the request for the next chunk and the end of the current chunk. The
+            rest of the current chunk is executed in the meantime. The same number of actions is dropped from the
+            beginning of the new chunk, because they were meant for control steps that have passed. If ``ahead`` is 0,
+            the simulation waits for every reply.
         ensemble: Rate m of temporal ensembling, or None for no ensembling. With ensembling, the policy is called at
             every step. The action for a step is the mean of all predictions for it, weighted by exp(-m i) with i = 0
             for the oldest prediction. See Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost
@@ -96,7 +96,7 @@ class PolicyInfo:
     """Information that a policy provides about itself. It is stored with the run.
 
     Attributes:
-        name: Address under which the policy was requested, such as "expert".
+        name: Address of the policy, such as "expert".
         action_space: Name of the action space of its actions.
         needs_images: False if the policy uses no images. In that case, no images are rendered.
         cameras: Cameras that the policy uses, or None for all. Other cameras are not rendered.

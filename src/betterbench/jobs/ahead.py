@@ -62,11 +62,10 @@ class _Ahead(Generic[ItemT]):
 
 @contextmanager
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
-    """Yield the items of an iterator while a thread prefetches up to ``most`` items.
+    """Context manager that prefetches up to ``most`` items of an iterator in a thread.
 
-    An error that the iterator raises in the thread is passed on to the caller.
-
-    When the context manager exits, the thread stops after the item that it is fetching.
+    It returns an iterator over the items. If the original iterator raises an error in the thread, the returned iterator
+    raises the same error. When the context manager exits, the thread finishes its current item and stops.
     """
     with closing(_Ahead(items, max(1, most))) as taken:
         yield iter(taken)

@@ -24,7 +24,7 @@ _PIECE = 1 << 20
 class AskedProcess:
     """Child process that answers requests. Requests and replies are sent as frames (:mod:`betterbench.jobs.frames`).
 
-    The process has a session of its own. Signals sent to the run, such as Ctrl-C, therefore do not reach the process,
+    The process runs in its own session. Signals sent to the run, such as Ctrl-C, therefore do not reach the process,
     and signals sent to the process do not reach the run.
     """
 
@@ -44,7 +44,7 @@ class AskedProcess:
             output: File or file descriptor for the standard output and standard error of the process.
             environment: Environment variables of the process.
             keeps: Other file descriptors that the process inherits.
-            any_type: Whether replies may contain arrays of any type.
+            any_type: Whether replies may contain arrays of any type, such as strings.
         """
         self._any_type, self._asked, self._until, self._is_over = any_type, 0, math.inf, False
         self._link, theirs = socket.socketpair()
@@ -77,7 +77,7 @@ class AskedProcess:
 
     @property
     def waits(self) -> bool:
-        """Whether the process is ready for a request, i.e. it is running and has not sent an unexpected frame."""
+        """Whether the process is ready for a request: it is running, and no unread frame from it has arrived."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -147,7 +147,7 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_WR)
 
     def kill(self) -> None:
-        """Kill the process and its process group. A pending call of :meth:`ask` then raises an error."""
+        """Kill the process and its process group. A call of :meth:`ask` that is waiting for a reply raises an error."""
         if self._is_over:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -156,9 +156,9 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_RDWR)
 
     def end(self, within_s: float) -> int | None:
-        """End the process.
+        """Wait until the process ends, and kill it if it takes longer than the time limit [s].
 
-        Return its exit status, or None if it had to be killed because it exceeded the time limit [s].
+        Return the exit status, or None if the process was killed.
         """
         status = None
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -1,8 +1,8 @@
 """Journals of the decisions that people make in a review: changes, verdicts, and undos of earlier decisions.
 
-A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). Each decision contains the
-content hash of its subject. All decisions about a subject together form its history. Each package that uses this module
-defines which changes are possible.
+A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The reviewed item is called
+the subject of the decision, and each decision contains the content hash of its subject. The decisions about a subject
+form the history of the subject. Each package that uses this module defines its own kinds of changes.
 """
 
 from __future__ import annotations
@@ -74,14 +74,14 @@ class DecisionLine(Protocol):
 
     @property
     def decision(self) -> Any:  # noqa: ANN401 - a change, whose kind depends on the subject, a Verdict or an Undo
-        """The decision itself."""
+        """Change, :class:`Verdict` or :class:`Undo`."""
 
     @property
     def subject(self) -> str:
         """Name of the subject, for display."""
 
     def misfit(self, changes: int) -> str:
-        """Return why this decision is not allowed after the given number of changes, or "" if it is allowed."""
+        """Return the reason this decision is not allowed after the given number of changes, or "" if it is allowed."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)
@@ -89,7 +89,7 @@ LineT = TypeVar("LineT", bound=DecisionLine)
 
 @dataclass(frozen=True, slots=True)
 class History(Generic[LineT]):
-    """Decisions about one subject, without those that were undone.
+    """Decisions about one subject, without undone decisions.
 
     Attributes:
         reviews: Decisions that were not undone, with their line numbers.
@@ -177,7 +177,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @property
     def reviews(self) -> tuple[LineT, ...]:
-        """All decisions in the journal, including those that were undone."""
+        """All decisions in the journal, including undone decisions."""
         return tuple(self._reviews)
 
     def check(self, review: LineT) -> None:

@@ -127,7 +127,7 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Context manager that converts errors of a full, broken or read-only disk into a StorageError.
+    """Context manager that converts errors of a full, broken or read-only disk to a StorageError.
 
     After such an error, all further writes would fail too.
     """

@@ -25,7 +25,7 @@ MAX_ARRAY_BYTES = 256 << 20
 """Maximum total size of the arrays in a frame [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Header of a frame: sizes of the JSON document, of the array descriptions and of the arrays [byte], and its number."""
+"""Header of a frame: sizes of the JSON document, the array descriptions and the arrays [byte], and the frame number."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _LONGEST_TYPE = 40
 _MAX_AXES = 32
@@ -41,15 +41,15 @@ FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 class FrameError(Exception):
-    """The process at the other end has closed the connection, or the bytes that it sent are not a frame."""
+    """The other process has closed the connection, or has sent bytes that are not a frame."""
 
 
 class FrameEndError(FrameError):
-    """The process at the other end has closed the connection or exited."""
+    """The other process has closed the connection or exited."""
 
 
 class FrameTimeoutError(FrameError):
-    """The process at the other end did not send or receive data in time."""
+    """The other process did not send or receive data in time."""
 
 
 class Link(Protocol):

@@ -1,4 +1,4 @@
-"""Processing of many items in worker processes. Items that kill their process are detected."""
+"""Processing of many items in worker processes, with detection of items that crash their worker process."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def _pooled(
 ) -> Iterator[FoundT]:
     """Yield the results of one process pool.
 
-    ``pending`` contains the items that the pool is processing. Items whose worker died are suspects. As long as there
-    are suspects, only one suspect is processed at a time, and nothing else.
+    ``pending`` contains the items that the pool is processing. If a worker process died, the items that it was
+    processing are suspects. As long as there are suspects, the pool processes only these, one at a time.
     """
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")

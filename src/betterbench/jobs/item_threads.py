@@ -1,4 +1,4 @@
-"""Processing of many items, such as trials, in threads. Each thread has a resource of its own, such as a renderer."""
+"""Processing of many items, such as trials, in threads. Each thread has its own resource, such as a renderer."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Stoppable(Protocol):
     """Resource of a thread that can be stopped from another thread, such as a renderer."""
 
     def stop(self) -> None:
-        """Make threads that are waiting for the resource stop waiting and fail, so that they can end."""
+        """Interrupt threads that are waiting for the resource. They raise an error and end."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):
-    """Resource for threads that do not need any."""
+    """Placeholder for threads that do not need a resource."""
 
     def stop(self) -> None:
         """Do nothing."""
@@ -76,7 +76,7 @@ def in_threads(
             with lock:
                 closing.push(opened)
                 resources.append(own.resource)
-            if stopped.is_set():  # failed while opening the resource
+            if stopped.is_set():  # another thread failed while this thread opened its resource
                 own.resource.stop()
         return work(own.resource, item)
 

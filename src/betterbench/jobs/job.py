@@ -35,10 +35,10 @@ def run_items(
     keep: Callable[[FoundT], object] = lambda _: None,
     on_progress: Callable[[JobProgress[FoundT]], None] | None = None,
 ) -> int:
-    """Process the unfinished items of a job, and return their number. To continue after an interruption, call it again.
+    """Process the unfinished items of a job, and return their number. Call it again to continue an interrupted job.
 
     Args:
-        planned: Items of the job. Each of them is processed once.
+        planned: Items of the job. Repeated items are processed only once.
         is_done: Function that returns whether the result of an item is already stored.
         work: Function that yields the results of items in any order: ``in_processes``, ``in_threads``, or a generator.
         keep: Function that stores a result on disk, for example in a journal.

@@ -1,6 +1,6 @@
 """Termination of child processes that are still running after their parent process has ended.
 
-The child processes are recognized by a variable in their environment.
+The child processes are recognized by an environment variable that they have inherited.
 """
 
 from __future__ import annotations

@@ -65,12 +65,12 @@ class LimitedProcess:
         """Start a process.
 
         Args:
-            main: Function that the process calls ("module:function"), with the arguments as strings. The last thing
-                that the function does must be to call :func:`answer_requests`.
+            main: Function that the process calls ("module:function"), with the arguments as strings. The function must
+                end with a call of :func:`answer_requests`.
             arguments: Arguments of the function.
             cpu_s: CPU time limit of a request [s]. This class only mentions the limit in messages;
                 :func:`answer_requests` enforces it.
-            environment: Environment variables to add to those of this process.
+            environment: Additional environment variables of the child process.
         """
         module, _, function = main.partition(":")
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
@@ -133,7 +133,7 @@ class LimitedProcess:
             raise self._ended() from None
 
     def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
-        """Wait for the reply for up to a time limit [s], and return it. It may have at most ``most`` bytes.
+        """Wait up to ``within_s`` seconds for the reply, and return it. The reply may have at most ``most`` bytes.
 
         Raises:
             LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. The process
@@ -221,7 +221,7 @@ def _error_of(kind: int, said: bytes) -> BetterError:
 
 
 def _end_in_words(status: int | None, cpu_s: float) -> str:
-    """Describe the exit status of a process. A negative status means that a signal ended the process."""
+    """Describe the exit status of a process. A negative status is the number of the signal that ended the process."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -291,8 +291,8 @@ def answer_requests(
 def _limit_time(cpu_s: float) -> None:
     """Set the CPU time limit of the next request. When it is reached, the signal SIGPROF ends this process.
 
-    RLIMIT_CPU is not used, because it limits the total CPU time of the process. Also, the kernel counts CPU time for
-    this limit in ticks. In a rendering process, the time in ticks exceeds :func:`time.process_time` by up to 6 %, i.e.
-    by a minute after 15 minutes.
+    RLIMIT_CPU is not used for two reasons. It limits the total CPU time of the process instead of the time of a single
+    request. Also, the kernel counts CPU time for it in ticks, which in a rendering process gives up to 6 % more than
+    :func:`time.process_time`, for example one minute too much after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

@@ -1,7 +1,7 @@
 """Append-only file of JSON lines that stays valid if the process is killed or the disk is full.
 
-Each line contains a link, which is the SHA-256 of the previous link and this line. Changed, missing and moved lines are
-thus detected. An incomplete last line is ignored with a warning.
+Each line contains a link, i.e. the SHA-256 of the previous link together with the rest of the line. The links reveal
+changed, missing and moved lines. An incomplete last line is ignored with a warning.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class LineJournal:
     Opening a journal locks its folder, and raises RunConflictError if another process holds the lock. The complete
     lines are then passed to :meth:`_take_in`, and an incomplete last line, left behind by a killed process, is removed.
     When :meth:`_append_line` returns, the line is on disk, unless ``within_s`` is used. If another program removes,
-    replaces or truncates the file, it is written again.
+    replaces or truncates the file, the journal writes the file again.
 
-    If ``alone`` is True, only the file is locked, not its folder. If the folder is removed, StorageError is raised. If
-    ``renews`` is True, the folder and the journal are created again instead. Use this only if the caller also restores
-    the other files in the folder.
+    If ``alone`` is True, only the file is locked, not its folder. If the folder is removed, appending raises
+    StorageError. With ``renews``, appending instead creates the folder and the journal again. Use ``renews`` only if
+    the caller also restores the other files in the folder.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
@@ -78,8 +78,8 @@ class LineJournal:
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
         """Append a JSON value and sync it to disk. If OSError is raised, the file is unchanged.
 
-        The sync is skipped if the last one was less than ``within_s`` [s] ago. Even then, no line is lost if the
-        process is killed, but a power failure may lose some lines.
+        The sync is skipped if the last sync was less than ``within_s`` [s] ago. A line that is not synced survives if
+        the process is killed, but a power failure may lose it.
         """
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
@@ -152,19 +152,19 @@ class LineJournal:
 
 
 def link_after(before: str, form: Mapping[str, object]) -> str:
-    """Return the link of a line, computed from the previous link ("" for the first line) and the other fields."""
+    """Return the link of a line: a hash of the previous link ("" for the first line) and the line's other fields."""
     return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
 
 
 def not_following(where: str, cure: str) -> RecordError:
-    """Return the error to raise for a journal line whose link does not match the lines before it."""
+    """Return the error for a journal line whose link does not match the lines before it."""
     return RecordError(f"{where} does not match the lines before it: a line was changed, removed or moved. {cure}.")
 
 
 def linked_forms(
     path: Path, lines: Iterable[bytes], *, cure: str, first: int = 1, before: str = "", needed: bool = True
 ) -> Iterator[tuple[dict[str, Any], str]]:
-    """Check the link of each line. Yield the line's JSON object without the link, and the link.
+    """Check the link of each line. For each line, yield its JSON object without the link, and the link.
 
     Args:
         path: Path of the file, for errors.

@@ -69,12 +69,12 @@ class HeldFolder:
 
 
 class RunLock:
-    """Exclusive lock on a run folder. It is released when the process ends, at the latest.
+    """Exclusive lock on a run folder. The kernel releases the lock when the process ends.
 
-    The kernel manages the lock. The lock file remains, but nothing has to be cleaned up after a crash. Forked processes
+    The lock file stays in the folder, also after a crash, and can be locked again without any cleanup. Forked processes
     do not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
     (:mod:`betterbench.jobs.places`). If the folder is removed or moved, further writes fail (:func:`require_held`),
-    because earlier files would be missing. If ``renews`` is True, the lock is taken again instead. Use this only if the
+    because earlier files would be missing. With ``renews``, the lock is instead taken again. Use ``renews`` only if the
     caller writes the earlier files again. If ``output`` is given, messages name it instead of the folder.
 
     Raises:
@@ -138,8 +138,7 @@ class RunLock:
     def for_workers(self) -> HeldFolder | None:
         """Reference to the locked folder for worker processes.
 
-        It is None if the lock is not held, or if the lock was created with ``renews``, i.e. is taken again when its
-        folder is removed.
+        None if the lock is not held, or if it was created with ``renews``.
         """
         if self._handle is None or not self._is_folder or self._renews:
             return None
@@ -196,7 +195,7 @@ class RunLock:
         Call this last, just before a command reports that its output is complete.
         """
         if self._handle is not None and not _stands_at(self._path, self._handle):
-            raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
+            raise StorageError(self._lost("part of the output may be missing"))
 
     def _lost(self, consequence: str) -> str:
         """Return the message for a locked folder that no longer exists."""
@@ -269,10 +268,7 @@ def require_held(path: Path) -> None:
 
 
 def _around() -> list[HeldFolder | RunLock]:
-    """Return copies of the current locks of this process and its parent.
-
-    The original lists may be changed by other threads.
-    """
+    """Return the current locks of this process and its parent, as a copy, because other threads change the lists."""
     return [*_OF_PARENT, *_HELD]
 
 
@@ -282,12 +278,9 @@ def held_folders() -> tuple[HeldFolder, ...]:
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Register folders that the parent process has locked.
+    """Register folders that the parent process has locked. If one of them is removed, writing into it fails.
 
-    If one of them is removed, this process no longer writes into it.
-
-    Otherwise, a worker would create the removed folder again, and the user could not repeat the command with that
-    folder.
+    Without this check, a worker would create the removed folder again, and a repeated command would reject the folder.
     """
     _OF_PARENT.extend(folders)
 
@@ -315,7 +308,7 @@ def _is_file(path: Path, identity: tuple[int, int]) -> bool:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock. Retry a few times, because another process may hold it briefly just to check it."""
+    """Take the lock. Retry a few times, because another process that checks the lock holds it for a moment."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

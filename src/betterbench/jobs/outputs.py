@@ -1,11 +1,13 @@
 """Output files and folders of commands. A command never silently replaces files that it did not write.
 
-The rules are the same for every subcommand. A file counts as written by a subcommand if it contains the subcommand's
-mark (:func:`mark_of`), or content that the subcommand recognizes. A folder counts as written by it if the folder's list
-``.written.json`` names the subcommand. A file in such a folder counts as written by the subcommand only if the list
-contains its current SHA-256. A file that was edited since then does not. Files written by the same subcommand are
-always replaced, all others only with ``--overwrite``. Folders, pipes and devices are never replaced. While a command
-writes an output, other processes cannot write to it. Unfinished files that killed processes left behind are deleted.
+The rules are the same for every subcommand. A single file counts as written by a subcommand if it contains the
+subcommand's mark (:func:`mark_of`), or content that the subcommand recognizes. A folder counts as written by a
+subcommand if the folder's list ``.written.json`` names the subcommand. A file in such a folder counts as written by the
+subcommand only if the list contains the file's current SHA-256, i.e. if the file was not edited afterward.
+
+Files written by the same subcommand are always replaced, all others only with ``--overwrite``. Folders, pipes and
+devices are never replaced. While a command writes an output, other processes cannot write to it. Unfinished files that
+killed processes left behind are deleted.
 """
 
 from __future__ import annotations
@@ -65,8 +67,8 @@ def require_replaceable(
         path: Path of the file to write.
         verb: Subcommand that writes the file.
         overwrite: Whether to replace files that this subcommand did not write.
-        is_ours: Function that returns whether this subcommand wrote an existing file. By default, this is decided by
-            the mark in the file.
+        is_ours: Function that returns whether this subcommand wrote an existing file. By default, a file with the
+            subcommand's mark counts as written by it.
     """
     try:
         there = os.lstat(path).st_mode
@@ -91,7 +93,7 @@ def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
 
 
 class OutputFile:
-    """Output file of a subcommand. The context manager locks the file until it exits, and returns its path.
+    """Output file of a subcommand. As a context manager, it locks the file and returns the path.
 
     Raises:
         RunConflictError: If an existing file may not be replaced, or if another process is writing it.
@@ -135,10 +137,10 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """Output folder of a subcommand. The context manager locks the folder until it exits.
+    """Output folder of a subcommand. As a context manager, it locks the folder.
 
-    Every :class:`~betterbench.jobs.durable.DurableFile` that this process writes into the folder is checked and listed,
-    except in subfolders with a lock of their own.
+    Every :class:`~betterbench.jobs.durable.DurableFile` that this process writes into the folder is checked and added
+    to the list. Subfolders that have their own lock are excluded.
 
     Args:
         path: Path of the folder. It is created if it is missing.
@@ -253,9 +255,9 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be moved to its path.
+        """Add a file to the list, just before it is moved to its path.
 
-        If it replaces another file, the digest of that file stays in the list as well.
+        If the file replaces another file, the list also keeps the digest of the replaced file.
         """
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
@@ -276,7 +278,7 @@ def _is_name(name: str) -> bool:
 
 
 def is_run(path: Path) -> bool:
-    """Return whether an entry of a folder is a run, which has a lock of its own."""
+    """Return whether an entry of a folder is a run, which has its own lock."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 

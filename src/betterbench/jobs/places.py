@@ -20,10 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """A command's claim to an output folder.
-
-    The claim determines which files in the folder the command may replace.
-    """
+    """Claim of a command to an output folder. It determines the files in the folder that the command may replace."""
 
     @property
     def thread(self) -> int:
@@ -33,7 +30,7 @@ class FolderClaim(Protocol):
         """Raise RunConflictError if the file at a path may not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
-        """Record that a file is about to be moved to its path."""
+        """Record a file, just before it is moved to its path."""
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}
@@ -49,7 +46,7 @@ def guard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Undo a call of :func:`guard` with the same arguments. Does nothing if the folder is not guarded."""
+    """Undo a call of :func:`guard` with the same arguments. Do nothing if the folder is not guarded."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)
@@ -63,14 +60,14 @@ def is_claimed_here(folder: Path) -> bool:
 
 
 def claim_of(path: Path) -> FolderClaim | None:
-    """Return the claim on the innermost guarded folder that contains a file, or None if there is none."""
+    """Return the claim on the guarded folder that contains a file, or None. Of nested folders, the innermost counts."""
     around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
     innermost = max(around, key=lambda folder: len(folder.parts), default=None)
     return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Raise InvalidInputError, which names the link, if a path in a folder leads out of the folder."""
+    """Raise InvalidInputError if a path in a folder leads out of it through a link. The error names the link."""
     top = os.path.realpath(folder)
     if Path(os.path.realpath(path)).is_relative_to(top):  # realpath does not fail even for link loops
         return
@@ -92,7 +89,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Make OSErrors name the file or folder given by the user instead of a lock file or temporary file."""
+    """Context manager that makes OSErrors name ``path`` instead of the path of a lock file or temporary file."""
     try:
         yield
     except OSError as error:
@@ -103,7 +100,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing in place, or create it, and return its descriptor.
 
-    Journals and locks are modified in place. If there were a link at their path, a different file would be changed.
+    Journals and locks are modified in place. If their path were a link, another file would be changed.
 
     Raises:
         InvalidInputError: If the path is a symbolic link, is not a regular file, or has a second name (a hard link).

@@ -1,4 +1,4 @@
-"""Output of a policy process. It is forwarded to standard error up to a limit, without control characters."""
+"""Forwarding of a policy process's output to standard error, up to a limit and without control characters."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces the standard output and the standard error of a process.
 
-    The child process does not inherit the standard error of this process. If it did, and if the standard error were
-    redirected to a file, it could truncate the file or change its flags.
+    The child process does not inherit the standard error of this process, because that may be redirected to a file. The
+    child process could then truncate the file or change its flags.
 
     Attributes:
         theirs: The child process's end of the pipe, as a file descriptor.

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of worker deaths after which an item is given up. After its first worker death, an item is run alone."""
+"""Number of worker deaths after which an item is not retried anymore. After the first one, the item is run alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
 """Number of consecutive worker deaths without a finished item after which the job fails."""
@@ -80,5 +80,5 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return why an item will not be retried. ``how`` describes how its last worker ended."""
+        """Return the reason an item will not be retried. ``how`` describes how the item's last worker ended."""
         return f"{MAX_DEATHS} {self._workers} died while running it ({how}); run the same command again to retry it"

@@ -42,7 +42,7 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Describe the exit status of a process. A negative status means that a signal ended the process."""
+    """Describe the exit status of a process. A negative status is the number of the signal that ended the process."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"

@@ -1,4 +1,4 @@
-"""Episode records and run folders: the privileged log on disk, which can be read without a simulator.
+"""Episode records and run folders. A record is the privileged log of an episode, which is read without a simulator.
 
 - ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file. ``builder`` creates it step
   by step.

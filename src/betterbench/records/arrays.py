@@ -1,6 +1,6 @@
 """Parquet files that store arrays of equal length.
 
-Each array is one column. A row of a two-dimensional array is stored as a list of fixed size.
+Each array is one column. For a two-dimensional array, each cell of the column is a list of fixed size.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Column = tuple[str, int]
 
 
 def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Encode arrays, each (rows,) or (rows, width), as a Parquet file (zstd). Equal arrays give equal bytes."""
+    """Return a Parquet file (zstd) with arrays (rows,) or (rows, width) as bytes. Equal arrays give equal bytes."""
     schema = pa.schema([(name, _type(column)) for name, column in columns.items()])
     made = []
     for name, (kind, width) in columns.items():

@@ -60,7 +60,7 @@ class RecordBuilder:
 
     @property
     def actions(self) -> npt.NDArray[np.float64]:
-        """All actions that have been appended so far, (number of rows - 1, dim)."""
+        """All actions that have been appended so far, as an array (number of rows - 1, dim)."""
         size, end = self._no_action.nbytes, len(self._rows[0]) - self._no_action.nbytes if self._rows else 0
         asked = b"".join([row[end - size : end] for row in self._rows[1:]])
         return np.frombuffer(asked).reshape(-1, len(self._no_action))
@@ -75,9 +75,9 @@ class RecordBuilder:
         forbidden: bool = False,
         **given: npt.NDArray[Any] | None,
     ) -> None:
-        """Append one row: a state, and whether each predicate and each subgoal holds in it.
+        """Append one row: a state, and the values of all predicates and subgoals in this state.
 
-        Raises the errors of :meth:`append_state` and :meth:`append_truth`.
+        Raises the same errors as :meth:`append_state` and :meth:`append_truth`.
         """
         self._check_truths(predicates, subgoals)
         self.append_state(state, **given)  # type: ignore[arg-type]
@@ -96,9 +96,9 @@ class RecordBuilder:
     ) -> None:
         """Append one row: the state at reset, or the state after an action.
 
-        The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied. The
-        activations are part of the physical state. ``action`` is the policy's action and ``applied`` is the action
-        after clipping, both (dim,). They are None only at reset.
+        The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and ``act`` (na,) are copied. ``act`` contains
+        MuJoCo's actuator activations, which are part of the physical state. ``action`` is the policy's action and
+        ``applied`` is the action after clipping, both (dim,). They are None only at reset.
 
         Raises:
             InvalidInputError: If the step is out of order or an array changes its shape.
@@ -132,16 +132,16 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """For the first row without these values, append whether each predicate and each subgoal holds.
+        """Append the values of all predicates and subgoals in the first row that does not have them yet.
 
         The values have the same order as in the metadata.
 
         Raises:
-            InvalidInputError: If a value is missing, or if no row lacks these values.
+            InvalidInputError: If a value is missing, or if all rows already have their values.
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
-            problem = f"all {len(self._states)} rows already have their relations"
+            problem = f"all {len(self._states)} rows already have their predicates and subgoals"
             raise InvalidInputError(
                 "predicates, subgoals", problem, "Append the next row before its predicates and subgoals"
             )
@@ -159,8 +159,8 @@ class RecordBuilder:
         """Return the finished record. The arguments are passed to :class:`Outcome`.
 
         Raises:
-            InvalidInputError: If there are no rows, if a row lacks the values of its predicates and subgoals, if a
-                state does not list the objects of the scene, or if the outcome contradicts itself.
+            InvalidInputError: If there are no rows, if the values of the predicates and subgoals are missing in a row,
+                if a state does not list the objects of the scene, or if the outcome is inconsistent.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
@@ -168,7 +168,7 @@ class RecordBuilder:
         dump_json(asdict(outcome))
         rows = len(self._states)
         if len(self._truths) != rows:
-            problem = f"only {len(self._truths)} of {rows} rows have their relations"
+            problem = f"only {len(self._truths)} of {rows} rows have their predicates and subgoals"
             raise InvalidInputError("predicates, subgoals", problem, "Append the predicates and subgoals of every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
@@ -244,7 +244,7 @@ class RecordBuilder:
         self._info = state.info  # so that the next comparison is a fast identity check
 
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
-        """Raise InvalidInputError if the number of truth values differs from that in the metadata."""
+        """Raise InvalidInputError unless there is one value for each predicate and subgoal in the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
             problem = f"got {len(predicates)} predicates and {len(subgoals)} subgoals"
             cure = f"Pass {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
@@ -277,9 +277,9 @@ class RecordBuilder:
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return the values of all rows as an array (T, *shape). Raises ValueError if a row has a wrong shape.
 
-    Nested values are flattened first, because NumPy would take three times as long to determine their shape. If a value
-    is the same Python object as in the previous row, for example because a scene object is at rest, it is not flattened
-    again.
+    Nested values are flattened first, because NumPy would take three times as long to determine their shape. A value
+    that is the same Python object as in the previous row, for example because a scene object is at rest, is flattened
+    only once.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]

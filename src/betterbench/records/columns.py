@@ -13,9 +13,7 @@ import pyarrow as pa
 from betterbench.errors import RecordError
 
 Widths = Mapping[str, int]
-"""Number of values per row in each group: ``nq``, ``nv``, ``nu``, ``joints``, ``action``, ``objects``, ``predicates``,
-``subgoals``.
-"""
+"""Number of items per row for each name in ``WIDTH_NAMES``."""
 
 WIDTH_NAMES = ("nq", "nv", "na", "nu", "joints", "action", "objects", "predicates", "subgoals")
 
@@ -25,8 +23,7 @@ class Column(NamedTuple):
 
     Attributes:
         kind: Data type of each value.
-        width: Entry of ``WIDTH_NAMES`` that gives the number of items per row ("objects"), or None if there is one item
-            per row.
+        width: Name in ``WIDTH_NAMES`` of the number of items per row ("objects"), or None if there is one item per row.
         tail: Number of values that make up an item (3 for a position).
     """
 
@@ -89,8 +86,8 @@ class Contacts:
     """Contacts of all rows, concatenated.
 
     Attributes:
-        offsets: Start of each row's contacts (T + 1,) int32. Row ``t`` has the contacts ``offsets[t]`` to ``offsets[t +
-            1]``.
+        offsets: Start of each row's contacts (T + 1,) int32. Row ``t`` has the contacts from ``offsets[t]`` up to, but
+            not including, ``offsets[t + 1]``.
         bodies: Both bodies of each contact (C, 2) int16, as indices into the record's list of body names.
         forces: Normal force of each contact (C,) [N].
     """
@@ -101,10 +98,7 @@ class Contacts:
 
 
 def arrow_schema(widths: Widths) -> pa.Schema:
-    """Return the Parquet schema of a record, given the width of each group of columns.
-
-    Columns of width zero are omitted.
-    """
+    """Return the Parquet schema of a record with the given widths. Columns of width zero are omitted."""
     fields = []
     for column in COLUMNS:
         number = _NUMBERS[column.kind]

@@ -1,4 +1,4 @@
-"""Compression of byte blocks that are read often and individually. LZ4 is used because it decompresses fastest."""
+"""LZ4 compression of byte blocks that are read often and individually. LZ4 is chosen because it decompresses fast."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def pack_block(data: bytes) -> bytes:
 
 
 def unpack_block(data: memoryview | bytes, size: int) -> memoryview:
-    """Decompress a block that has ``size`` bytes. Raises RecordError if it is damaged."""
+    """Decompress a block that has ``size`` bytes after decompression. Raises RecordError if the block is damaged."""
     try:
         return memoryview(_CODEC.decompress(data, size))
     except (pa.ArrowException, OSError, ValueError) as error:

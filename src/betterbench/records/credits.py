@@ -9,11 +9,11 @@ from typing import Protocol
 from betterbench.records.run import RunFolder
 
 LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
-"""Credit for all generated objects, as in the project's license file."""
+"""Credit line for all objects of the procedural library, as in the project's license file."""
 
 
 class CreditedObject(Protocol):
-    """Scene object with the origin of its asset. Source and license are empty for the procedural library."""
+    """Scene object with the source and license of its asset. Both are empty for the procedural library."""
 
     @property
     def asset(self) -> str:

@@ -29,7 +29,7 @@ class Demonstrator:
         kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
         manner: Parameters of the motion style. Their names include the unit ("speed", "approach_height_m").
-        sources: Demonstrations that were combined to make this one, as "TASK/CONDITION/SEED" in the order of use.
+        sources: Demonstrations that were combined into this demonstration, as "TASK/CONDITION/SEED" in order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
             ``action`` contains the intended action, which a policy should learn, and the column ``applied`` contains
             the executed action. Without noise, the two columns differ only by clipping.
@@ -55,13 +55,13 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """Rows of a record in which the gripper is near an object in order to pick, place or slide it.
+    """Rows of a record in which the gripper is near an object to pick, place or slide it.
 
     Attributes:
         kind: Kind of skill.
-        object: Name of the object. If the gripper closed without grasping or moving an object (kind "miss"), it is the
-            object that is picked next, or "" if there is none.
-        target: Target of the placement, or "" if no subgoal has this target.
+        object: Name of the object. For a "miss", in which the gripper closed without grasping or moving an object:
+            name of the object that is picked next, or "" if no object is picked afterward.
+        target: Target of the placement, or "" if the placement does not achieve a subgoal.
         relation: Relation to the target, or "" if there is no target.
         region: Region of the target, or "" if the target has only one.
         start: First row.
@@ -100,7 +100,7 @@ class SubgoalSegment:
         region: Region of the target, or "" if the target has only one.
         start: First row.
         stop: Row after the last row of the segment.
-        skills: Skill windows within these rows, in order of time. Between two windows, the arm is in transit.
+        skills: Skill windows within these rows, in chronological order. Between two windows, the arm is in transit.
     """
 
     subgoal: str

@@ -1,8 +1,8 @@
-"""Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
+"""Journal of a run, with one line per finished trial. A resumed run repeats all trials that are not listed as done.
 
-Each line contains the SHA-256 of its record, the digest of its scene, and a link, which is the SHA-256 of the previous
-link and the line. The links reveal changed, missing and reordered lines. In journals of older versions, the lines lack
-the scene digest, or all three values.
+Each line contains the SHA-256 of the trial's record, the digest of the trial's scene, and a link. The link is the
+SHA-256 of the previous link together with the rest of the line, and reveals changed, missing and reordered lines.
+Journals of older versions lack the scene digest, or all three values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,11 @@ from betterbench.json_form import read_form
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
-"""Status of a trial: "done" has a record, "error" failed outside the policy and is repeated when the run is resumed."""
+"""Status of a trial.
+
+A trial with the status "done" has a record. A trial with the status "error" failed for a reason other than the policy
+and is repeated when the run is resumed.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +33,12 @@ class JournalEntry:
 
     Attributes:
         condition: Name of the condition within the task ("train1", "L3").
-        status: "done" if its record is on disk, "error" if the trial must be repeated.
+        status: "done" if the trial's record is on disk, "error" if the trial must be repeated.
         message: Description of the failure, if the status is "error".
         wall: Wall-clock measurements. Their names include the unit ("duration_s", "policy_latency_p50_s"). Records
             contain no such measurements.
-        ground_truth: Ground truth that a deliberately faulty policy reports about its own behavior in the episode, as a
-            dict from names to values. It affects neither records nor verdicts.
+        ground_truth: Values that a deliberately faulty policy reports about its own behavior in the episode, by name.
+            They affect neither records nor verdicts.
         record: SHA-256 of the record file. None if there is no record or an older version wrote the line.
         scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`). None if there is
             no record or an older version wrote the line.
@@ -114,8 +118,7 @@ class Journal(LineJournal):
         """Append a finished trial and sync the line to disk.
 
         Raises:
-            InvalidInputError: If a number is not finite or a field has a wrong type, so that the entry could not be
-                read again.
+            InvalidInputError: If a number is not finite or a field has a wrong type.
             RunConflictError: If the trial is already finished.
             OSError: If the disk is full. The journal is then unchanged.
             ValueError: If the journal is closed.
@@ -129,8 +132,8 @@ class Journal(LineJournal):
     def reopen(self, key: TrialId, reason: str) -> None:
         """Mark a finished trial as unfinished, so that it is repeated. Call this if its record cannot be used.
 
-        This appends a line with the status "error", or does nothing if the trial is not finished. Raises the same
-        errors as :meth:`append`.
+        The method appends a line with the status "error". If the trial is not finished, it does nothing. Raises the
+        same errors as :meth:`append`.
         """
         if self.is_done(key):
             self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
@@ -163,7 +166,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        # The link covers only the fields that existed in the version which wrote the line.
+        # The link was computed from the fields that existed in the version that wrote the line.
         fields = form.model_dump(exclude_unset=True)
         told = fields.pop("link", None)
         if told is not None or link:
@@ -172,11 +175,9 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
                 raise not_following(where, _LINE_CURE)
         entry = JournalEntry(**fields)
         if entry.status == "error":
-            done.pop(entry.key, None)  # marked because its record was missing
+            done.pop(entry.key, None)  # the trial was marked as unfinished, so a later line may finish it again
         elif entry.key in done:
-            raise RecordError(
-                f"{where} says that {entry.key} is finished, as line {done[entry.key]} already does. {_LINE_CURE}."
-            )
+            raise RecordError(f"{where}: {entry.key} is already finished in line {done[entry.key]}. {_LINE_CURE}.")
         else:
             done[entry.key] = number
         entries[entry.key] = entry

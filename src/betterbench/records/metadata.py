@@ -17,14 +17,17 @@ from betterbench.tasks import Looks
 SCHEMA_VERSION = 1
 """Version of the columns and metadata of a record.
 
-It is increased when an older reader would misinterpret a new file.
+Increase it when older versions of betterbench would misinterpret a new file.
 """
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
 """Reason why an episode ended.
 
-In order: the goal was met (or doing nothing was correct), the goal could no longer be met or a forbidden interaction
-happened, the step limit was reached, the policy violated its protocol, the operator stopped the episode.
+- "success": the goal was met, or doing nothing was correct.
+- "failure": the goal could no longer be met, or a forbidden interaction happened.
+- "step_limit": the step limit was reached.
+- "policy_error": the policy crashed, answered too late or violated the policy protocol.
+- "interrupted": the operator stopped the episode.
 """
 
 _Count = Annotated[int, Field(ge=0)]
@@ -52,7 +55,7 @@ class Outcome:
     invalid_actions: int = 0
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the outcome contradicts itself."""
+        """Raise InvalidInputError if the outcome is inconsistent."""
         if self.termination not in TERMINATIONS:
             problem = f"{self.termination!r} is not a valid termination"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
@@ -87,7 +90,7 @@ class RecordMetadata:
         engine: Versions that affect the results: the simulator with its version, the renderer, and the hash of the
             model.
         scene_hash: Name under which the scene is stored (``scenes/HASH.zip``).
-        looks: Which set of object variants and rooms the run used ("seen" or "unseen").
+        looks: Set of object variants and rooms that the run used ("seen" or "unseen").
         room: Name of the trial's room.
         view_jitter: Offsets of the cameras and the key light. Together with the scene and the state, these offsets
             determine the images.
@@ -95,10 +98,10 @@ class RecordMetadata:
             "backlash" is in rad. All other quantities are factors applied to the model's values. Empty if the dynamics
             do not vary.
         predicate_names: Meaning of each column in ``predicates``.
-        subgoal_names: Meaning of each column in ``subgoals``, in the order of the instruction.
+        subgoal_names: Name of each column in ``subgoals``, in the order of the instruction.
         demonstrator: Source of a demonstration, or None for the trial of an evaluated policy.
-        segments: Rows in which the robot works toward each subgoal, derived from the states. They exist only for
-            demonstrations.
+        segments: Rows in which the robot works toward each subgoal, derived from the states. Empty unless the record is
+            a demonstration.
     """
 
     task: str

@@ -1,4 +1,4 @@
-"""Display names of runs that are shown together. Every run gets a unique name, and no run may be given twice."""
+"""Unique display names of runs that are shown together."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ _BARE = re.compile(r'\btarget="(none|optional)"')
 def built_in_names() -> re.Pattern[str]:
     """Return the pattern of the names that are reserved for built-in policies.
 
-    If a user's policy declares one of them, its address is shown instead. The names are read from the text of the
-    files in ``policies/kinds``, because reading records must not import the policy kinds. The scheme is the literal
-    ``scheme="NAME"``, or else the name of the file. A test compares them with the registered kinds.
+    If a user's policy declares a reserved name, the policy's address is shown instead. The names are read from the
+    source text of the files in ``policies/kinds``, because reading records must not import the policy kinds. The scheme
+    of a kind is the literal ``scheme="NAME"`` or, if there is none, the name of the file. A test compares the names
+    with the registered kinds.
     """
     names = []
     for file in sorted(_KINDS.glob("*.py")):
@@ -54,7 +55,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
     """Return a unique display name for each run.
 
     If no names are ``given``, a run gets the name that its policy declares. If several policies declare the same name,
-    their runs get the addresses of the policies instead. If the addresses are the same too, the folder of the run is
+    their runs get the addresses of the policies instead. If the addresses are the same too, the folder of each run is
     added in parentheses.
 
     Raises:
@@ -73,8 +74,8 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
     """Make the display names of runs unique.
 
-    If several runs have the same name, the folder of the run is appended to each of these names. If they are still
-    equal, a number is appended.
+    If several runs have the same name, the name of the run's folder is appended to each of these names. If the names
+    are still equal, a number is appended.
     """
     counts = Counter(names)
     named = [

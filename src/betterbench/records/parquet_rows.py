@@ -20,8 +20,8 @@ _CURE = "Download the file again"
 class ParquetRows:
     """Parquet file written by another program. Several threads may read it.
 
-    Only one row group of one column is held in memory, so that files with embedded images can be larger than the
-    memory.
+    :meth:`cell` keeps only one row group of one column in memory. A file with embedded images may therefore be larger
+    than the memory.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Record: the privileged log of one episode. The episode can be judged again from its record, without a simulator."""
+"""Privileged log of one episode. From this record, the episode can be judged again without a simulator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK_ROWS = 256
-"""Number of rows that are converted to states at once. It is a compromise between speed and memory."""
+"""Number of rows that are converted to states at once. Larger blocks are faster but need more memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ class Record:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Widths of the record's columns, i.e. the numbers of values per row, keyed by the names in ``WIDTH_NAMES``."""
+        """Number of items per row for each name in ``WIDTH_NAMES``."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],
@@ -196,10 +196,10 @@ class Record:
 
 
 def _tuples(values: FloatArray) -> list[Any]:
-    """Return the last axis of an array as tuples of floats, in one flat list.
+    """Convert an array (..., k) to a flat list of tuples with k floats each.
 
-    Slicing one list of floats is several times faster than converting each small array into a tuple. The return type is
-    loose because the length of the tuples depends on the array.
+    Slicing one list of floats is several times faster than converting each small array into a tuple. The items of the
+    result have the type Any because the length of the tuples depends on the array.
     """
     width = values.shape[-1]
     if width == 0:

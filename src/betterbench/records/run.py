@@ -87,8 +87,9 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 class RunFolder:
     """Folder of one evaluation run.
 
-    ``plan`` defines the run, which can only be resumed with the same plan. ``context`` contains further information
-    that may be different when the run is resumed, such as the machine and the handshake of the policy.
+    ``plan`` defines the run. A run can only be resumed with the same plan, or extended with more trials. ``context``
+    contains further information that may differ when the run is resumed, such as the machine and the handshake of the
+    policy.
     """
 
     path: Path
@@ -108,7 +109,7 @@ class RunFolder:
 
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
-        """Create a run, or resume the run in the folder if its plan is the same or contains fewer trials.
+        """Create a run, or resume the run in the folder if its plan is the same or has only some of the new trials.
 
         The folder is created if it is missing, and ``run.json`` is written first. A resumed run keeps the context of
         its first start. If the new plan contains more trials, it replaces the stored plan, and the time of this change
@@ -186,7 +187,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Properties of the world in which the trials were run. The world is the simulator with its scenes.
+        """Properties of the world (a simulator with its scenes) in which the trials were run.
 
         Raises RecordError if the plan names an unknown world.
         """
@@ -209,7 +210,7 @@ class RunFolder:
     def restore(self) -> bool:
         """Write ``run.json`` again, with a warning, if it was removed or changed after the run was opened.
 
-        Return whether this was necessary.
+        Return whether the file was written.
         """
         path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
@@ -238,8 +239,8 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending. The folder is locked until the journal is closed.
 
-        If ``renews`` is True, the journal stays usable if the folder is removed or moved. In this case, the caller must
-        restore the run and repeat all trials with missing records.
+        If ``renews`` is True, the journal stays usable even if the folder is removed or moved. The caller must then
+        restore the run and repeat all trials whose records are missing.
 
         Raises:
             RecordError: If the journal lists trials that are not planned. For other errors, see
@@ -289,7 +290,7 @@ class RunFolder:
         if unlisted:
             logger.warning(
                 "%s: the journal does not list %d existing records (%s and others). It was truncated, or the run was "
-                "killed. These records are ignored; repeat the command of the run to repeat their trials",
+                "killed. These records are ignored; run the command of this run again to repeat their trials",
                 self.journal_path,
                 len(unlisted),
                 one_line(unlisted[0]),
@@ -434,7 +435,7 @@ class RunFolder:
 
         Raises:
             RunConflictError: If a different scene has the same name, because it comes from another version or source.
-            InvalidInputError: In the same cases as :func:`~betterbench.records.scene_archive.write_scene`.
+            InvalidInputError: For the same reasons as in :func:`~betterbench.records.scene_archive.write_scene`.
         """
         name = scene.content_hash
         path = self.scene_path(name)
@@ -523,10 +524,7 @@ _TOLD: set[tuple[Path, int]] = set()
 
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
-    """Return the entries of a journal by trial.
-
-    They are cached by the size of the file and the time of its last change.
-    """
+    """Return the entries of a journal by trial. The cache depends on the file's size and time of last change."""
     del size, changed_ns
     entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)
@@ -553,13 +551,13 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
         # training condition.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
-            return None  # the code that reads the plan reports this
+            return None  # the code that reads the plan reports this problem
         found[TrialId(task, condition, seed)] = form
     return found
 
 
 def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return data as it is after a JSON round trip. Raises InvalidInputError if JSON cannot represent it."""
+    """Return data after a JSON round trip. Raises InvalidInputError if JSON cannot represent the data."""
     found: dict[str, Any] = json.loads(dump_json(form))
     return found
 
@@ -585,7 +583,8 @@ def keep_copies(path: Path) -> None:
         if file.demonstrations is not None:
             measured = (path / COPIES / file.copy_name).with_suffix(COMPANION_SUFFIX)
             content = file.demonstrations.encode()
-            # When a data set is resumed, this file is not in its list of written files. An equal file is kept.
+            # When a data set is resumed, its list of written files does not contain this file, so replacing the file
+            # would fail. A file with the same content is therefore kept.
             if not measured.exists() or measured.read_bytes() != content:
                 write_durably(measured, content)
 
@@ -608,7 +607,7 @@ def _seed(seed: int) -> int:
 
 
 _GROWING = ("trials", "task_versions", "task_files")
-"""Fields of a plan that may grow when a run is extended, while its planned trials stay the same."""
+"""Fields of a plan that may get additional entries when a run is extended."""
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:

@@ -1,4 +1,4 @@
-"""Scene archives: compiled scenes as reproducible zip files, which may come from an untrusted source.
+"""Scene archives: reproducible zip files with compiled scenes. They may come from an untrusted source.
 
 The comment of the zip file contains a digest of the scene's name and all its files (:func:`scene_digest`). The digest
 is verified before any file is used, so that MuJoCo never loads a changed model or the archive of a different scene. The
@@ -28,7 +28,9 @@ MAX_SCENE_FILES = 10_000
 """Maximum number of files in a stored scene."""
 
 _LEVEL = 3
-"""Compression level. It takes half as long as zlib's default level 6 (60 to 100 ms) and makes archives 5 % larger."""
+"""Compression level. Compression takes half as long as with zlib's default level 6 (60 to 100 ms) and archives are
+5 % larger.
+"""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
@@ -92,8 +94,8 @@ def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
 def _archive_of_another_run(digest: str) -> bytes | None:
     """Return the archive that this process wrote earlier for the same scene, or None if it was removed or changed.
 
-    This helps when several policies are evaluated on the same scenes: reading an archive takes 1 ms of CPU time,
-    whereas creating it takes 34 ms.
+    This saves time when several policies are evaluated on the same scenes: reading an archive takes 1 ms of CPU time,
+    and creating it takes 34 ms.
     """
     path, checksum = _WRITTEN.get(digest, (None, ""))
     if path is None:
@@ -107,7 +109,7 @@ def _archive_of_another_run(digest: str) -> bytes | None:
 
 
 def has_digest(path: Path, digest: str) -> bool:
-    """Return whether an archive contains a digest. The files are verified later, when the archive is read."""
+    """Return whether an archive contains the given digest. Its files are verified later, when the archive is read."""
     seal = _seal(digest)
     try:
         with open_ordinary(path) as stream:
@@ -120,8 +122,8 @@ def has_digest(path: Path, digest: str) -> bool:
 def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing them to disk.
 
-    ``digest`` is the digest in the journal. If it is given, the files must match it. An archive that an earlier version
-    wrote contains no digest. This causes one warning per run, unless the journal's digest is given.
+    ``digest`` is the digest in the journal. If it is given, the files must match it. Archives of earlier versions
+    contain no digest. For these, one warning is logged per run unless the journal's digest is given.
 
     Raises:
         RecordError: If the scene is missing, damaged, changed or too large, if it belongs to a different trial or has a
@@ -156,7 +158,7 @@ def _seal(digest: str) -> bytes:
 
 
 def _member_problem(name: str) -> str | None:
-    """Return the reason why a name is not allowed in an archive, or None if it is allowed."""
+    """Return the reason a name is not allowed in an archive, or None if it is allowed."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
         return "is not a portable file name"
     path = PurePosixPath(name)

@@ -1,9 +1,9 @@
-"""Segmentation of records into subgoals and skills. It uses only the recorded states.
+"""Segmentation of records into subgoals and skills, using only the recorded states.
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
-skill is a pick and place. If a drawer moved, it is a slide. Otherwise, it is a miss. The window of a skill begins when
-the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens. It ends when the tool has moved
-away from this position. A segment ends with the skill that achieves its subgoal.
+skill is a pick and a placement. If a drawer moved, the skill is a slide. Otherwise, the skill is a miss. The window of
+a skill begins when the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens, and ends
+when the tool has moved away from this position. A segment ends with the skill that achieves the segment's subgoal.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from betterbench.tasks import Condition, Subgoal
 from betterbench.tasks.relations import relation
 
 NEAR_M = 0.20
-"""Distance from the position of the gripper change at which a window begins [m].
+"""Distance [m] from the position where the gripper closes or opens, at which a window begins.
 
-It is longer than any straight approach.
+This distance is longer than any straight approach.
 """
 LIFTED_M = 0.06
-"""Distance from the position of the gripper change at which the window of a pick ends [m].
+"""Distance [m] from the position where the gripper closes, at which the window of a pick ends.
 
-The object is then lifted and clear of its support.
+At this distance, the object is lifted and clear of its support. The window of a miss ends at the same distance from the
+position where the gripper opens.
 """
 LEFT_M = 0.10
-"""Distance from the position of the gripper change at which the window of a placement or a slide ends [m]."""
+"""Distance [m] from the position where the gripper opens, at which the window of a placement or a slide ends."""
 HELD_ROWS = 3
 """Minimum number of rows for which an object must be held to count as picked."""
 SLID_M = 0.005
@@ -38,10 +39,7 @@ SLID_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """Rows [closed, opened) in which the gripper is commanded to close.
-
-    The class also stores what closing the gripper did (pick, slide or miss), and to which object.
-    """
+    """Rows [closed, opened) in which the gripper is commanded to close, with the resulting skill and its object."""
 
     closed: int
     opened: int
@@ -50,7 +48,7 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode. They cover all rows, but there are no segments if the gripper never closed.
+    """Return the segments of an episode, which cover all rows. The result is empty if the gripper never closed.
 
     Args:
         record: Record of the episode.
@@ -85,7 +83,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield each interval in which the gripper is closed, together with what happened in it."""
+    """Yield each interval in which the gripper is closed, with the resulting skill and its object."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -114,7 +112,7 @@ def _travel(record: Record, index: int, start: int, stop: int) -> float:
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that closing the gripper has achieved at this row of the record, or None if there is none."""
+    """Return the subgoal that a closure of the gripper has achieved at the given row, or None if there is none."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -154,7 +152,7 @@ def _windows(
 def _begin(record: Record, change: int, earliest: int) -> int:
     """Return the first row from which the tool stays near its position in the row ``change``.
 
-    The result is not before ``earliest``.
+    The result is at least ``earliest``.
     """
     away = np.flatnonzero(_distances(record, earliest, change, change) >= NEAR_M)
     return min(earliest, change) if not len(away) else earliest + int(away[-1]) + 1

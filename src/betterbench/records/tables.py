@@ -1,4 +1,4 @@
-"""Plain tables of strings, numbers and lists as Parquet, for use with other tools."""
+"""Parquet tables of strings, numbers and lists, for use with other tools."""
 
 from __future__ import annotations
 

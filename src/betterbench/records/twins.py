@@ -1,6 +1,6 @@
-"""Twin demonstrations in a run.
+"""Twin demonstrations in a run: pairs of records with different instructions and an identical beginning.
 
-Twins are pairs of records with different instructions. They are identical until the instructions take effect.
+The two records of a pair are identical until the instructions take effect.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.tasks.trial_id import TrialId
 PAIRS_FILE = "pairs.jsonl"
 """Name of the file in a run of demonstrations that lists its pairs, one per line."""
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Repeat the command of the demonstrations. It writes this list again from the records"
+_CURE = "Repeat the command that made the demonstrations. It writes this list again from the records"
 
 _Rows = Annotated[int, Field(ge=1)]
 
@@ -66,7 +66,7 @@ def pairs_bytes(pairs: Iterable[TwinPair]) -> bytes:
 
 
 def read_pairs(run: RunFolder) -> tuple[TwinPair, ...]:
-    """Read the pairs of a run. If the run has no list, there are none. Raises RecordError if the list is corrupt."""
+    """Read the pairs of a run. A run without a list has no pairs. Raises RecordError if the list is corrupt."""
     path = run.path / PAIRS_FILE
     if not path.exists():
         return ()

@@ -304,7 +304,7 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
         assert all(f.steps for f in facts)
     (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
     with pytest.raises(
-        RecordError, match=r"pairs\.jsonl: its last line is not a valid seal.*Repeat the command of the demonstrations"
+        RecordError, match=r"pairs\.jsonl: its last line is not a valid seal.*Repeat the command that made"
     ):
         read_pairs(run)
 

@@ -265,7 +265,7 @@ def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path_factory, file)
     path = make(tmp_path_factory.mktemp("set") / "set", "plain", "clean", count=12)
     (path / file).unlink(missing_ok=True)
     os.mkfifo(path / file)
-    with pytest.raises(BetterError, match=r"ordinary file|no LeRobot dataset"):
+    with pytest.raises(BetterError, match=r"regular file|no LeRobot dataset"):
         read_lerobot(path)
 
 

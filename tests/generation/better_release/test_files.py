@@ -186,5 +186,5 @@ def test_a_pipe_is_not_waited_for(tmp_path, reading):
     folder = write_task(tmp_path / "Picnic", lunch())
     (folder / "base_variation.yaml").unlink()
     os.mkfifo(folder / "base_variation.yaml")
-    with pytest.raises(InvalidInputError, match="not an ordinary file"):
+    with pytest.raises(InvalidInputError, match="not a regular file"):
         reading(folder)

@@ -249,7 +249,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 def _require_file(file: Path) -> None:
     if not stat.S_ISREG(file.stat().st_mode):
-        raise OSError("it is not an ordinary file")
+        raise OSError("it is not a regular file")
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ from betterbench.sim.worlds import Photo, world_named
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Image to render: the state of a trial at a certain simulated time [s]."""
+    """State of a trial at a given simulated time [s], which is to be rendered as an image."""
 
     task: str
     condition: str
@@ -43,9 +43,9 @@ def render_shots(
 ) -> dict[Shot, bytes]:
     """Render one JPEG of ``size`` x ``size`` pixels per shot.
 
-    Images of a run in another benchmark are rendered by the simulator of that benchmark. For LIBERO, its front camera
-    is used. ``views`` provides the rendering processes; by default, a new process is started. ``on_progress`` is called
-    with the number of finished images and the number of all images.
+    If the run belongs to another benchmark, the simulator of that benchmark renders the images. For LIBERO, LIBERO's
+    front camera is used. ``views`` provides the rendering processes. By default, a new process is started.
+    ``on_progress`` is called with the number of finished images and the number of all images.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -110,9 +110,8 @@ def write_video(
 ) -> Path:
     """Write the video of a recorded trial (H.264 in MP4) and return its path.
 
-    By default, the video is written to the folder of the run.
-
-    ``on_progress`` is called with the number of finished frames and the number of all frames.
+    By default, the video is written to the folder of the run. ``on_progress`` is called with the number of finished
+    frames and the number of all frames.
 
     Raises:
         InvalidInputError: If the side length of the images [pixel] is odd.

@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Expected, Task, Variation, get_task
 from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
-"""Color of outlines, which no object of the suite has."""
+"""RGB color of outlines. No object of the suite has this color."""
 _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 
 
@@ -138,7 +138,7 @@ def _in_rows(head: str, panels: Sequence[tuple[str, str, Image.Image]], columns:
 
 
 def shown_credits(task_id: str, name: str | None) -> tuple[str, ...]:
-    """Return one credit line for each source of the objects in the test scene and training scene of a variation.
+    """Return the credit lines for all objects in the test scene and the training scene of a variation.
 
     If ``name`` is None, the objects in all training conditions are credited.
     """

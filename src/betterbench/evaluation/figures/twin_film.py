@@ -1,6 +1,6 @@
-"""Videos that show a recorded trial next to its training twin, which is the training trial with the same seed.
+"""Videos that show a recorded trial next to its training twin (the training trial with the same seed).
 
-They also show instructions, time, labels and the path of the gripper.
+The videos also show the instructions, the time, the labels and the path of the gripper.
 """
 
 from __future__ import annotations
@@ -29,10 +29,13 @@ OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
-"""Height of the space below the images, as a fraction. A player shows its controls there while the video is paused."""
+"""Height of the space below the images, as a fraction of the image size.
+
+Video players show their controls in this space while the video is paused.
+"""
 
 _HOLD_S = 1.0
-"""Time for which the first image (with the complete path) and the last state are shown [s of the video]."""
+"""Duration of the first image (with the complete path) and of the last image in the video [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class Panel:
     Attributes:
         heading: Title above the trial ("this trial, fast_food/T1/3").
         ended: Outcome of the trial ("Semantic feature collapse").
-        right: Whether the outcome is a success, which is shown in blue.
+        right: Whether the outcome is a success. A success is shown in blue, a failure in orange.
     """
 
     task: str
@@ -65,8 +68,8 @@ class FilmLook:
     Attributes:
         size: Side length of each image [px]. It must be even.
         rate_hz: Frames per second of the video.
-        longest_s: Maximum time that the motion takes in the video [s]. Longer trials are sped up to fit this time. With
-            None, every trial is shown in real time.
+        longest_s: Maximum duration of the motion in the video [s]. Longer trials are sped up to this duration. If None,
+            every trial is shown in real time.
     """
 
     camera: str = "front"
@@ -128,7 +131,7 @@ def render_strips(
 ) -> dict[tuple[str, str, int], bytes]:
     """Render one strip of images per trial as a JPEG. The first image shows the initial state with the complete path.
 
-    Each of the other images shows a later state with the path up to that time. Raises the errors of
+    Each of the other images shows a later state with the path up to that time. Raises the same errors as
     :func:`render_paths`.
     """
     images: dict[tuple[str, str, int], bytes] = {}
@@ -153,9 +156,10 @@ def render_twin_films(
     views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
-    """Return videos that each show a trial, or a trial next to the training trial with the same seed (its twin).
+    """Return one video per entry of ``films``, showing either one trial or a trial next to its training twin.
 
-    ``views`` provides the rendering processes, as in :func:`render_paths`. Raises the errors of :func:`render_paths`.
+    ``views`` provides the rendering processes, as in :func:`render_paths`. Raises the same errors as
+    :func:`render_paths`.
     """
     made: list[TwinFilm] = []
     with _views(look, max(map(len, films), default=0), views) as sides:
@@ -188,9 +192,9 @@ def write_twin_film(
 
 @contextmanager
 def _views(look: FilmLook, count: int, given: LimitedViews | None = None) -> Iterator[list[LimitedView]]:
-    """Provide ``count`` rendering processes, one for each trial in a video.
+    """Context manager that provides ``count`` rendering processes, one for each trial in a video.
 
-    Processes that are started here are ended afterwards. Processes that the caller passed in keep running.
+    When it exits, it ends the processes that it has started. Processes passed in by the caller keep running.
     """
     with ExitStack() as stack:
         views = given or stack.enter_context(LimitedViews())
@@ -271,7 +275,7 @@ class _Side:
     def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
         """Draw the path of the end effector in the first rows of the record into an image.
 
-        The path is blue while the gripper should be open, and orange elsewhere.
+        The path is blue where the gripper was commanded to open, and orange where it was commanded to close.
         """
         drawn, scale = image.copy(), 2
         large = drawn.resize((scale * drawn.width, scale * drawn.height), Image.Resampling.BICUBIC)

@@ -1,7 +1,6 @@
 """Images of recorded states, rendered from the stored scene, and descriptions of the objects visible in the images.
 
-A :class:`~betterbench.interface.state.FrameView` describes the visible objects. It has the same form as for masks that
-are rendered later.
+The visible objects are described by a :class:`~betterbench.interface.state.FrameView`.
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ from betterbench.sim.scenes.limited import LimitedView
 from betterbench.sim.scenes.sights import GRIPPER_INSTANCES, ModelFacts
 
 JPEG_QUALITY = 92
-"""Quality setting for JPEG. Colors are stored at full resolution, because many objects are only a few pixels wide."""
+"""Quality setting for JPEG. Chroma is stored at full resolution, because many objects are only a few pixels wide."""
 
 _ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
-"""Points of a bounding box, given as fractions of its size, relative to the center of its bottom face."""
+"""Grid of points (n, 3) in a bounding box, relative to the center of its bottom face, as fractions of the box size."""
 
 
 class CameraPhoto(NamedTuple):
@@ -40,7 +39,7 @@ class CameraPhoto(NamedTuple):
 class ViewRenderer:
     """Renderer of recorded states, which also finds the visible objects.
 
-    It renders in a separate process, which is ended at the end of a ``with`` block.
+    The rendering runs in a separate process, which ends at the end of a ``with`` block.
     """
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
@@ -75,10 +74,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row of the record from all cameras that have been requested so far.
-
-        Callers usually need the images of all these cameras.
-        """
+        """Render a row of the record from all cameras requested so far, because callers often need all of them."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -114,7 +110,7 @@ def _seen_objects(
 
     Objects that are not visible are left out.
     """
-    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # index of the object, by body number plus one
+    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # index of each object, by MuJoCo body id + 1
     numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
     numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
     shown, seen = numbers[sight["bodies"]], dict[str, SeenObject]()

@@ -1,8 +1,8 @@
-"""Benchmark for vla-evaluation-harness, with which ``vla-eval run`` evaluates a policy on betterbench's tasks.
+"""Benchmark for vla-evaluation-harness, so that ``vla-eval run`` can evaluate a policy on betterbench's tasks.
 
 The harness controls the loop, the model server and its own result file. The benchmark also writes a run folder with the
-same records as ``better eval``. Each condition is one task of the harness, whose episode i is the trial with seed
-``seed + i``.
+same records as ``better eval``. Each condition is one task of the harness. Episode i of this task is the trial with
+seed ``seed + i``.
 """
 
 from __future__ import annotations
@@ -55,19 +55,21 @@ ADDRESS = "vla-eval:"
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
-    """Benchmark for vla-evaluation-harness, which contains the suite better60 or some conditions of it.
+    """Benchmark for vla-evaluation-harness with all or some conditions of the suite better60.
 
     Args:
-        run: Run folder. An interrupted run is resumed; the results of finished trials are taken from their records.
-        policy: Name of the policy in the report ("pi0-libero"). It must be given, because the harness does not tell a
-            benchmark which policy it evaluates.
-        conditions: Tasks ("fast_food" stands for all its conditions) and conditions ("fast_food/T1",
-            "fast_food/train1"), as a list or one comma-separated string. By default, all conditions of better60.
+        run: Run folder. If it contains an interrupted run, that run is resumed, and the results of finished trials are
+            taken from their records.
+        policy: Name of the policy in the report ("pi0-libero"). It is required because the harness does not pass the
+            policy's name to a benchmark.
+        conditions: Tasks ("fast_food", which stands for all conditions of the task) and single conditions
+            ("fast_food/T1", "fast_food/train1"), as a list or one comma-separated string. By default, all conditions of
+            better60.
         trials: Number of trials per condition. It must equal ``episodes_per_task``.
         seed: First seed.
         adapter: Name of an adapter preset, or path of a JSON file with an adapter. An adapter describes the format of
             requests and answers.
-        cameras: Cameras that replace those of the adapter, by key in the request ({"images/agentview":
+        cameras: Cameras to use instead of the adapter's cameras, by key in the request ({"images/agentview":
             "left_shoulder"}).
         observation: Name of an observation preset. "state_only" renders no images.
         quality: Name of a rendering preset.
@@ -333,7 +335,7 @@ def _won(outcome: Outcome | None) -> bool:
 
 @contextmanager
 def _stop_run() -> Iterator[None]:
-    """Stop the whole evaluation after an error with which every further episode would fail, too.
+    """Context manager that stops the whole evaluation after an error that would also occur in every later episode.
 
     The harness catches all other errors of an episode and continues with the next episode.
     """

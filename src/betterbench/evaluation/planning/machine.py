@@ -1,4 +1,4 @@
-"""Description of this machine. It is read from system files, without running other programs."""
+"""Description of this machine, read from system files without running other programs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")
 _MAX_FILE_BYTES = 1 << 20
 _DISTRIBUTION = "betterbench"
-_LEFT_OUT = "dev"  # the extra with test tools and linters, which do not affect results
+_LEFT_OUT = "dev"  # extra with test tools and linters, which do not affect results
 
 
 def describe_machine() -> dict[str, object]:
-    """Return a description of this machine's CPU, memory and GPUs, as far as they can be determined."""
+    """Return a description of this machine's CPU, memory and GPUs.
+
+    Values that cannot be determined are "unknown", 0 or an empty list.
+    """
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),
@@ -33,7 +36,7 @@ def describe_machine() -> dict[str, object]:
 
 
 def describe_renderer() -> dict[str, str]:
-    """Return the fingerprint of the renderer, or the reason why rendering does not work.
+    """Return the fingerprint of the renderer, or the reason rendering does not work.
 
     The function creates the OpenGL context of the process, so it must be called in the thread that will render.
     """
@@ -45,9 +48,9 @@ def describe_renderer() -> dict[str, str]:
 
 @cache
 def package_lock() -> tuple[str, ...]:
-    """Return those installed packages that betterbench may use, with their versions ("numpy==2.3.1"), sorted by name.
+    """Return the installed packages that betterbench may use, with their versions ("numpy==2.3.1"), sorted by name.
 
-    The list is made only once per process, since reading the metadata of about a hundred packages takes 0.1 s.
+    The result is cached, because reading the metadata of about a hundred packages takes 0.1 s.
     """
     found: dict[str, str] = {}
     waiting = [_DISTRIBUTION]

@@ -1,8 +1,8 @@
-"""Manifest of a run: the circumstances in which the run was started, stored in ``run.json``.
+"""Manifest of a run, stored in ``run.json``: command, machine, software versions, conventions and policy.
 
-When a run is resumed, the description of the policy is compared with the one in the manifest, because with a different
-checkpoint at the same address, one run would contain two policies. Other entries are not compared, since a run may be
-resumed on another machine.
+When a run is resumed, the current description of the policy is compared with the description in the manifest. If the
+same address now served another checkpoint, the run would otherwise mix two policies. Other entries are not compared,
+because a run may be resumed on another machine.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from betterbench.tasks.user_files import loaded_files
 
 
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the manifest of a new run, which describes the circumstances in which the run was started.
+    """Return the manifest of a new run.
 
     ``policy`` is the description of the policy from :func:`describe_policy`. ``engine`` has the keys "name", "workers"
     and "envs" and, if a warm-up determines the number of environments, the key "most_envs".
@@ -57,7 +57,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return all conventions of a run: those that the plan determines, and those that are the same for all runs."""
+    """Return the conventions of a run: the action space, the observation preset and the conventions of the world."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -66,7 +66,10 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first difference between a policy's description and the one stored in a run, or None if they agree."""
+    """Return the first difference between a policy's description and the description stored in a run.
+
+    Return None if the two descriptions are equal.
+    """
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
@@ -79,9 +82,9 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that a policy's description is the same as the one stored in the run.
+    """Check that a policy's description equals the description stored in the run, and return the run.
 
-    If it is different and ``allow_changed`` is True, store the change in the run.
+    If the description has changed and ``allow_changed`` is True, store the change in the run.
 
     Raises:
         RunConflictError: If the description has changed and ``allow_changed`` is False. The message quotes the old and

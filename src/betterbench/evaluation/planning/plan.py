@@ -1,4 +1,4 @@
-"""Plan of a run, which contains the trials and the conventions. It is written before the first trial starts."""
+"""Plan of a run, with the trials and the conventions. The plan is written before the first trial starts."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Largest allowed number of trials per variation. With it, the full suite has 1.2 million trials, which take weeks."""
+"""Largest allowed number of trials per variation. The full suite then has 1.2 million trials, which take weeks."""
 
 MAX_SEED = 2**31 - 1
-"""Largest allowed first seed, since clients and servers of other protocols store seeds in 32 bits."""
+"""Largest allowed first seed. Clients and servers of other protocols store seeds in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +41,8 @@ class Plan:
         observation: Name of the observation preset.
         quality: Name of the rendering preset.
         robot: Name of the robot.
-        looks: Set of appearances for objects and rooms: "seen" (those of the demonstrations) or "unseen" (new ones).
-        until_decided: Rule that decides when a variation needs no more trials. With None, all trials are run.
+        looks: Set of appearances for objects and rooms: "seen" (as in demonstrations) or "unseen" (held out).
+        until_decided: Rule that decides when a variation needs no more trials. If None, all trials are run.
         world: Benchmark in whose simulator the trials are run: betterbench, LIBERO or CALVIN.
     """
 
@@ -88,7 +88,7 @@ class Plan:
         for name in dict.fromkeys(t.task for t in self.trials):
             needed = get_task(name).robot
             if needed != self.robot:
-                problem = f"{name} is laid out for robot {needed!r}, but the run uses {self.robot!r}"
+                problem = f"{name} is made for robot {needed!r}, but the run uses {self.robot!r}"
                 raise InvalidInputError(
                     "robot", problem, f"Run this task with --robot {needed}, separately from tasks for other robots"
                 )
@@ -132,15 +132,15 @@ def make_plan(
 ) -> Plan:
     """Return the plan for a run of the named tasks. By default, it covers all tasks of the suite better60.
 
-    Each variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task together get as
-    many trials as its variations do. These trials are evenly distributed over the training conditions. They include the
-    training twins, i.e. the training trials with the same seeds as the variations' trials. A plan for some variations
-    ("L1", "fast_food/T1") contains only trials that are also in the plan for all variations, so one certificate covers
-    both plans.
+    Each variation is run with the seeds ``seed … seed + trials - 1``. All training conditions of a task together get as
+    many trials as all variations of the task together, evenly distributed over the training conditions. These trials
+    include the training twins, i.e. the training trials with the same seeds as the variations' trials. A plan for some
+    variations ("L1", "fast_food/T1") contains only trials that are also in the plan for all variations, so one
+    certificate covers both plans.
 
-    The default robot is the one for which the first task is made, and the default action space is the standard one of
-    the robot. If ``looks`` is "unseen", objects and rooms have an appearance that does not occur in demonstrations. If
-    ``until_decided`` is given, ``trials`` is the maximum number per variation, and the only trials of training
+    The default robot is the robot of the first task, and the default action space is the robot's standard action space.
+    If ``looks`` is "unseen", objects and rooms have an appearance that does not occur in demonstrations. If
+    ``until_decided`` is True, ``trials`` is the maximum number per variation, and the only trials of training
     conditions are the training twins.
 
     Raises:

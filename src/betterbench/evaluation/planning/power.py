@@ -9,18 +9,17 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
-"""Fraction of pairs that are assumed to differ in the opposite direction, for the second number that
-:func:`what_trials_show` gives.
+"""Assumed fraction of pairs that differ in the direction opposite to the drop.
 
-For the first number, one policy fails only in trials in which the other policy fails as well. Usually, however, each
-policy fails in some trials in which the other succeeds.
+:func:`what_trials_show` gives two numbers. The first number assumes that this fraction is 0. In practice, however, each
+of two policies usually succeeds in some trials in which the other fails. The second number assumes this fraction.
 """
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return sentences that say how large a drop in success must be for a plan to detect it.
+    """Return sentences that state the smallest drop in success that the trials of a plan can detect.
 
-    There are values for all trials together, per axis, and per variation.
+    The sentences contain values for all trials together, within an axis, and within a variation.
     """
     varied = [t for t in plan.trials if t.variation is not None and not t.ambiguous]
     if plan.until_decided is not None:
@@ -47,11 +46,11 @@ def what_trials_show(plan: Plan) -> str:
         shown = [points for points in usual if points]
         needed = f"the drop must be {_listed(shown)} points" if shown else "no drop can be shown"
         sentences.append(
-            f"With 80 % power they show a drop against the twins, or against another policy, of {_listed(best)}. "
+            f"With 80 % power, they show a drop against the twins, or against another policy, of {_listed(best)}. "
             f"If {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, {needed}."
         )
     if hidden:
-        sentences.append(f"They are too few to show any drop {_listed(hidden)}. Give more --trials.")
+        sentences.append(f"They are too few to show any drop {_listed(hidden)}. Use more --trials.")
     return " ".join(sentences)
 
 
@@ -68,9 +67,10 @@ def smallest_drop_line(plan: Plan) -> str:
 def _until_decided(rule: StoppingRule, varied: Sequence[tuple[str, str | None]]) -> str:
     most = max(Counter(varied).values(), default=0)
     return (
-        f"Each of the {len(set(varied))} variations gets {rule.first} to {most} trials with their twins. Its trials "
-        f"end early if its success is shown to drop against the twins, or not to drop by {100 * rule.margin:.0f} "
-        f"points. Of each kind of verdict, at most {100 * rule.level:.0f} % are expected to be wrong."
+        f"Each of the {len(set(varied))} variations gets {rule.first} to {most} trials with their twins. A variation "
+        f"gets no more trials once they show that its success drops against the twins, or that it does not drop by "
+        f"{100 * rule.margin:.0f} points. Of each kind of verdict, at most {100 * rule.level:.0f} % are expected to be "
+        "wrong."
     )
 
 
@@ -79,7 +79,7 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest differences that can be detected with the largest and the smallest number of pairs, as text.
+    """Return the smallest detectable differences for the largest and the smallest number of pairs, as text.
 
     The text gives percentage points. It is empty if no difference can be detected.
     """

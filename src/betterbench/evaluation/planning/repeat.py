@@ -1,4 +1,4 @@
-"""Repetition of a run from its ``run.json``. Before that, differences that would change the results are reported."""
+"""Repetition of a run from its ``run.json``, after a check for differences that would change the results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from betterbench.tasks.trial import Trial
 _NOT_COMPARED = ("policy", "trials", "package_version")
 """Fields of a plan that are not compared.
 
-The first two are copied to the new plan, and the last does not affect results.
+The policy and the trials are copied to the new plan, and the package version does not affect results.
 """
 
 
@@ -40,7 +40,7 @@ class _Preset:
 class _Plan:
     """Fields that are read from the plan in ``run.json``.
 
-    The other fields of the stored plan are only compared with those of the new plan.
+    The other fields of the stored plan are only compared with the new plan.
     """
 
     policy: str
@@ -70,9 +70,9 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of an earlier run, to repeat the run with the same policy or with a different one.
+    """Return a plan that repeats an earlier run with the same policy or with a different one.
 
-    ``path`` is the folder of the run or its file ``run.json``. If ``trust`` is True, a policy named in the run is
+    ``path`` is the folder of the run or its file ``run.json``. If ``trust`` is True, the policy named in the run is
     accepted even if it runs code or sends a secret key.
 
     Raises:
@@ -112,7 +112,7 @@ def repeated_plan(
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Raise RunConflictError if the policy is described differently in the run at the given path.
+    """Raise RunConflictError if the description of a policy differs from that in the run at the given path.
 
     The message quotes the stored and the current value.
     """
@@ -131,7 +131,7 @@ def _open(path: Path) -> RunFolder:
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
     """Yield the differences between a stored plan and a new plan that would change the results, each with both values.
 
-    Stored plans without the name of a robot are from a time when the Panda was the only robot.
+    A stored plan without the name of a robot uses the Panda, which was the only robot in early versions.
     """
     there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))

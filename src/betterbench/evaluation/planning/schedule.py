@@ -1,4 +1,4 @@
-"""Order in which the trials of a plan are run: all at once, or in rounds until each variation has a certain verdict."""
+"""Order in which the trials of a plan are run: all in one round, or in rounds until every variation has a verdict."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Schedule:
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
         self._decisions: Decisions | None = None
-        self._waiting: list[TrialId] = []  # trials of the current round that were not finished when last asked
+        self._waiting: list[TrialId] = []  # trials of the current round that were not finished at the last check
 
     @property
     def decisions(self) -> Decisions | None:
@@ -55,9 +55,9 @@ class Schedule:
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the trials of each round that are not finished.
 
-        The next round must be requested only after all trials of the previous round have ended. The schedule stops
-        after a round in which a trial left no record. Running the same command again repeats this trial and then
-        continues.
+        Request the next round only after all trials of the previous round have ended. If a trial of a round ended
+        without a record, the schedule stops after this round. To repeat the trial and continue, run the same command
+        again.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

@@ -11,7 +11,7 @@ _VARIABLE = "_env"  # suffix of all options whose value is the name of an enviro
 
 
 def risks_of(address: str) -> tuple[str, ...]:
-    """Return the risks to which the user must agree before a policy is evaluated: it runs code or sends a secret."""
+    """Return the risks of evaluating a policy, to which the user must agree: it runs code, or sends a secret."""
     found = []
     kind = find_kind(address)
     head, _, query = address.partition("?")
@@ -26,9 +26,9 @@ def risks_of(address: str) -> tuple[str, ...]:
 
 
 def require_trust(address: str, *, where: str) -> None:
-    """Raise an error if evaluating a policy, whose address comes from a file, would run code or send a secret.
+    """Reject a policy address from a file if evaluating the policy would run code or send a secret.
 
-    ``where`` is the name of the file, which the error message contains.
+    ``where`` is the name of the file, for the error message.
 
     Raises:
         InvalidInputError: If the policy runs code or sends a secret. The message names the risk.

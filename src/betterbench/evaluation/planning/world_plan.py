@@ -1,4 +1,4 @@
-"""Plan of a run for a suite of any benchmark, such as LIBERO. The benchmark itself lists the tasks of the suite."""
+"""Plan of a run for a suite of any benchmark, such as LIBERO."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def make_world_plan(
     seed: int = 0,
     action_space: str | None = None,
     observation: str = "default",
-    **options: Any,  # noqa: ANN401 - those of the world
+    **options: Any,  # noqa: ANN401 - options of the world
 ) -> Plan:
     """Return the plan of a run for a suite of any benchmark.
 
-    The benchmark (called "world" here) lists the suite's tasks.
+    The benchmark (called "world" in the code) lists the tasks of the suite.
 
     Args:
         policy: Address of the policy.
@@ -38,8 +38,8 @@ def make_world_plan(
         trials: Number of trials, in the unit of the benchmark (trials per variation, initial states, or chains of
             subtasks). None selects the benchmark's standard number.
         seed: First seed, or index of the first initial state or chain.
-        action_space: Action space of the policy. None selects the one that the policy address declares, or else the
-            standard one of the benchmark.
+        action_space: Action space of the policy. None selects the action space that the policy address declares or, if
+            it declares none, the standard action space of the benchmark.
         observation: Name of an observation preset. "default" selects the standard preset of the benchmark.
         options: Options of the benchmark (``World.options``).
 
@@ -61,7 +61,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space for a run in a benchmark: the requested one or, if none was requested, the policy's."""
+    """Return the requested action space, else the policy's action space, else the default of the benchmark."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)
@@ -81,7 +81,7 @@ def _planned(world: World, asked: PlanRequest) -> tuple[tuple[Trial, ...], World
     with explaining("world", world.name):
         try:
             found = world.plan(asked)
-        except BetterError as error:  # about the options of the user, not about the file of the world
+        except BetterError as error:  # caused by the user's options, not by the file that defines the world
             found = error
         else:
             _require_plan(world, asked, found)

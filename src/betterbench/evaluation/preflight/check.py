@@ -41,9 +41,9 @@ REQUESTS = 5
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """Value of one convention, as betterbench declares it and as the policy declares it.
+    """Value of one convention, as declared by betterbench (``ours``) and by the policy (``theirs``).
 
-    A value is empty if that side does not declare it.
+    An empty string means that the side does not declare this convention.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Convention:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """Image exactly as the policy receives it, (height, width, 3) uint8, with its key and a note on the conversion."""
+    """Image that the policy receives, (height, width, 3) uint8, with its key and a description of the conversion."""
 
     key: str
     image: np.ndarray
@@ -82,7 +82,7 @@ class PreflightCheck:
         actions: Actions in the first reply, (horizon, dim), in the action space that ``info`` names.
         first_s: Latency of the first request [s].
         latencies_s: Latencies of the later requests [s].
-        proof: Result of comparing the policy with a demonstration, or None without such a comparison.
+        proof: Comparison of the policy with a demonstration, or None if there was no comparison.
         robot: Name of the robot.
     """
 
@@ -156,12 +156,12 @@ def run_preflight(
     robot: str = USUAL_ROBOT,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Request actions from a policy at the start of a trial, with the settings of a planned run.
+    """Check a policy by sending it the first requests of a trial, with the settings of a planned run.
 
-    By default, the policy's action space is used, or the robot's standard one if the policy supports all action spaces.
-    If ``proof`` is True, a policy that uses observations also gets the observations of a demonstration
-    (:mod:`betterbench.evaluation.preflight.proof`). Before the conventions of betterbench and the policy are compared,
-    ``on_conventions`` is called with them.
+    The default action space is the robot's standard action space if the policy supports it, or else the policy's own
+    action space. If ``proof`` is True, a policy that uses observations also gets the observations of a demonstration
+    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the conventions of both sides
+    before they are compared.
 
     Raises:
         BetterError: If the policy does not answer, if its conventions differ from those of the run, or if its actions
@@ -259,9 +259,9 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Send several requests.
+    """Send the same request several times.
 
-    Return the first reply (horizon, dim), its latency, and the latencies of later replies [s].
+    Return the first reply (horizon, dim), the latency of the first reply, and the latencies of later replies [s].
     """
     answers, times = [], []
     for _ in range(1 + REQUESTS):
@@ -321,7 +321,7 @@ def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Describe where an image comes from and how it was converted."""
+    """Describe the camera and the conversion of an image."""
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:

@@ -1,9 +1,9 @@
 """Replay proof: a policy gets the observations of a demonstration, and its actions are compared with the demonstration.
 
 For each axis, the path that the policy's actions command is compared with the path of the demonstration. If the actions
-are interpreted with wrong units, in a wrong frame or with a wrong sign, the path is scaled, rotated or mirrored, which
-can be seen from the ratio of the two paths along each axis. The actions are also executed in a separate scene. The
-distance between the end effector's final position and that of the demonstration is then measured.
+are interpreted with wrong units, in a wrong frame or with a wrong sign, the commanded path is scaled, rotated or
+mirrored. This shows in the ratio of the two paths along each axis. The actions are also executed in a separate scene,
+to measure the distance between the final positions of the end effector in this scene and in the demonstration.
 
 The paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """
@@ -32,26 +32,23 @@ from betterbench.tasks.interventions import resolve_condition
 MAX_REQUESTS = 100
 """Maximum number of requests in a replay proof.
 
-It is enough for a whole demonstration in chunks of five actions, or for the path to the first object with single
-actions.
+With five actions per reply, it covers a whole demonstration. With one action per reply, it covers the path to the first
+object.
 """
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
 """Smallest extent of a demonstration along an axis for which the ratio of the two paths is computed [m, rad]."""
 
 FOLLOWS = 0.7
-"""Smallest agreement on each axis for which a policy counts as following the demonstration.
-
-The agreement is the cosine between the steps of both.
-"""
+"""Smallest agreement (:attr:`AxisProof.agreement`) on each axis for which a policy follows the demonstration."""
 
 PROVEN = 0.02
-"""Largest deviation of the ratio from 1 for which the conventions of an axis count as proven."""
+"""Largest deviation of the ratio of the paths from 1 for which the conventions of an axis count as proven."""
 
 WRONG = 1.5
 """Ratio of the two paths above which the conventions of an axis count as wrong.
 
-The same holds below the inverse of this ratio.
+They also count as wrong if the ratio is below the inverse of this value.
 """
 
 _IDLE_STEPS = 40
@@ -62,14 +59,14 @@ class AxisProof:
     """Comparison of a policy with the demonstration along one axis.
 
     Attributes:
-        name: Position "x", "y" or "z", rotation "rx", "ry" or "rz" in the base frame, or name of a joint.
+        name: Position axis "x", "y" or "z" or rotation axis "rx", "ry" or "rz" in the base frame, or name of a joint.
         unit: Unit of the axis, "m" or "rad".
-        range: Extent of the demonstration's path along the axis.
+        range: Extent of the demonstration's path along the axis [unit].
         factor: Slope of a line fitted to the policy's path as a function of the demonstration's path. It is 1 if the
             paths are equal, and None if the demonstration hardly moves.
         agreement: Cosine similarity between the steps of the two paths, from -1 to 1. None if one of the paths does not
             move.
-        apart: Largest distance between the two paths.
+        apart: Largest distance between the two paths along the axis [unit].
     """
 
     name: str
@@ -129,9 +126,9 @@ class ReplayProof:
         if not self.follows:
             return "inconclusive: the policy does not follow the demonstration"
         if self.is_proven:
-            return "the conventions are proven: the answers follow the demonstration"
+            return "the conventions are proven: the policy's actions follow the demonstration"
         if not self.wrong:
-            return "the answers roughly follow the demonstration"
+            return "the policy's actions roughly follow the demonstration"
         return f"the conventions of {', '.join(self.wrong)} are wrong. {self._cure()}"
 
     def _cure(self) -> str:
@@ -143,7 +140,7 @@ class ReplayProof:
                 if abs(mean / factor - 1.0) < 0.15:
                     return cure
         if self.wrong == ("gripper",):
-            return "Its polarity is reversed: give gripper=open_positive, or the convention of the policy."
+            return "Its polarity is reversed: set gripper=open_positive, or the convention of the policy."
         return "Choose another preset, or correct action_space, units, frame, rotation or gripper."
 
     def to_json(self) -> dict[str, Any]:
@@ -158,14 +155,14 @@ class ReplayProof:
 
 
 _KNOWN = (
-    (4.0, "A checkpoint trained on LIBERO moves 0.0125 m per unit: give units=libero_measured, or its suite's preset."),
-    (0.25, "The policy moves 0.05 m per unit, as betterbench's demonstrations do: give units=libero."),
-    (20.0, "The policy's unit is 0.05 m instead of 1 m: give units=libero."),
-    (80.0, "The policy's unit is 0.0125 m instead of 1 m: give units=libero_measured."),
-    (0.05, "The policy answers in meters: give units=physical."),
-    (0.0125, "The policy answers in meters: give units=physical."),
+    (4.0, "A checkpoint trained on LIBERO moves 0.0125 m per unit: set units=libero_measured, or its suite's preset."),
+    (0.25, "The policy moves 0.05 m per unit, as betterbench's demonstrations do: set units=libero."),
+    (20.0, "The policy's unit is 0.05 m instead of 1 m: set units=libero."),
+    (80.0, "The policy's unit is 0.0125 m instead of 1 m: set units=libero_measured."),
+    (0.05, "The policy answers in meters: set units=physical."),
+    (0.0125, "The policy answers in meters: set units=physical."),
 )
-"""Ratios of translation that have a known reason, each with a remedy."""
+"""Ratios of the translations along the two paths that have a known cause, each with a remedy."""
 
 
 def prove_by_replay(
@@ -252,7 +249,7 @@ class _Moment:
 
 
 class _Demonstration:
-    """Episode of the expert, which is executed step by step until the arm is at rest."""
+    """Episode of the expert that is executed step by step until the arm is at rest."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -260,7 +257,7 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
-        self._last = np.zeros(scene.action_space.dim)  # right for deltas; absolute actions differ from it at first
+        self._last = np.zeros(scene.action_space.dim)  # absolute actions differ from it at first
 
     def is_over(self) -> bool:
         """Return whether the expert has come to rest or the trial has ended."""
@@ -282,7 +279,7 @@ class _Demonstration:
 
 
 class _Paths:
-    """Path of the demonstration and path of the policy. Both are stored at the end of each action chunk."""
+    """Paths of the demonstration and of the policy. A point of each path is stored at the end of each action chunk."""
 
     units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
     names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
@@ -301,7 +298,7 @@ class _Paths:
         raise NotImplementedError
 
     def mark(self) -> None:
-        """Store the points that the two paths have reached so far."""
+        """Store the current points of the two paths."""
         self._marked.append(self._now.copy())
 
     def compare(self) -> tuple[AxisProof, ...]:

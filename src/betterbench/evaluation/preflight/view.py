@@ -1,4 +1,4 @@
-"""Content of a preflight sheet, which shows the policy's inputs and the path that its first reply commands."""
+"""Content of a preflight sheet: the inputs of the policy, and the motion that its first reply commands."""
 
 from __future__ import annotations
 
@@ -32,9 +32,8 @@ class PreflightView:
         facts: Facts about the policy's first reply, as pairs of name and value.
         latency: Sentence about the latency.
         scene: Image of the scene after the reset, (height, width, 3) uint8.
-        path: Pixels (n, 2) in the image ``scene`` through which the end effector moves if the complete reply is
-            executed.
-        aim: Pixel (2,) of the end effector in ``scene`` after the first action.
+        path: Path of the end effector in the image ``scene`` when the complete reply is executed, (n, 2) [pixels].
+        aim: Position to which the first action moves the end effector, in the image ``scene``, (2,) [pixels].
         turn: Text that describes the rotation and the gripper command of the first action.
     """
 
@@ -103,7 +102,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
     """Return facts about a policy's reply, as pairs of name and value.
 
-    They include how far the first action and the complete reply move the end effector.
+    ``first`` and ``whole`` are the displacements (3,) of the end effector by the first action and the whole reply [m].
     """
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from the initial position"),)
@@ -120,7 +119,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
-    """Return the position (3,) of the end effector after the first action, in the base frame [m]."""
+    """Return the position (3,) that an action commands for the end effector, in the base frame [m]."""
     space, pose = scene.action_space, scene.state().ee_pose
     applied = space.clip(action)[:3]
     if space.name.startswith("ee_delta"):

@@ -13,7 +13,7 @@ from betterbench.installation import missing_extra
 PLACING_S = 300.0
 """Longest time to wait until the cluster has free resources for the first worker or for the replicas [s].
 
-Loading the policy does not count.
+The time for loading the policy is not included.
 """
 
 _CONNECT_S = 10.0
@@ -24,10 +24,9 @@ class Cluster:
     """Address of a Ray cluster, and the number of policy replicas with their GPUs.
 
     Attributes:
-        address: Address of the cluster. If it is None, the environment variable RAY_ADDRESS is used. If this variable
-            is not set, a new cluster is started on this machine.
-        replicas: Number of copies of the policy, if it runs in a process (such as a checkpoint or a policy that
-            supports batches).
+        address: Address of the cluster. If None, the environment variable RAY_ADDRESS is used. If this variable is not
+            set, a new cluster is started on this machine.
+        replicas: Number of copies of the policy, if the policy has large weights or supports batches.
         replica_gpus: Number of GPUs per replica. If None, it is 1 if the cluster has GPUs, and 0 otherwise.
     """
 
@@ -37,10 +36,7 @@ class Cluster:
 
     @property
     def given(self) -> str | None:
-        """Address of the cluster, from the settings or from the environment variable RAY_ADDRESS.
-
-        None if neither is set.
-        """
+        """Address of the cluster from the settings, else from the environment variable RAY_ADDRESS, else None."""
         return self.address or os.environ.get("RAY_ADDRESS") or None
 
     def __post_init__(self) -> None:
@@ -54,9 +50,9 @@ class Cluster:
 
 
 def require_ray(cluster: Cluster) -> None:
-    """Check that Ray is installed and that the cluster's address accepts connections. This does not import Ray.
+    """Check that Ray is installed and that the cluster's address accepts connections, without importing Ray.
 
-    Ray itself would try for minutes to connect to an address at which nothing listens.
+    If no cluster is running at the address, this check fails at once. Ray itself would try to connect for minutes.
     """
     if importlib.util.find_spec("ray") is None:
         raise missing_extra("--engine ray: Ray is not installed", "ray")
@@ -74,4 +70,4 @@ def require_ray(cluster: Cluster) -> None:
 
 
 ANYWHERE = Cluster()
-"""Cluster that is used by default. It is the one at RAY_ADDRESS, or a new cluster on this machine."""
+"""Default cluster: the cluster at RAY_ADDRESS or, if this variable is not set, a new cluster on this machine."""

@@ -1,7 +1,7 @@
 """Runs on a Ray cluster, with workers and policy replicas as actors.
 
 No shared file system is needed: workers send finished records to the driver process, which writes all files. If a
-worker dies, other workers repeat the trials that it has not finished.
+worker dies, other workers repeat its unfinished trials.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ def ray_entries(
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster. Yield each journal entry after the record of the trial has been written.
 
-    Only this process writes to the run folder. The trials come in rounds, and the next round is requested when the
-    previous one has ended. If ``served`` is True, the policy runs in replicas. ``steps`` counts the control steps that
+    Only this process writes to the run folder. The next round of trials is requested when all trials of the current
+    round have ended. If ``served`` is True, the policy runs in replicas. ``steps`` counts the control steps that
     workers report.
 
     Raises:
@@ -78,24 +78,24 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """State of one worker, as far as the pool of workers knows it."""
+    """Worker of the pool, with its calls and its trials."""
 
     actor: Any
     calls: deque[Any]  # calls that have not returned, the oldest first
     trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
-    placed: bool = False  # whether it has resources on the cluster
-    ready: bool = False  # whether it has been prepared
-    alone: bool = False  # whether it runs a single trial that was running in a worker that died
-    replica: int | None = None  # index of the policy replica that it uses
+    placed: bool = False  # whether the cluster has allocated resources to the worker
+    ready: bool = False  # whether the worker has been prepared
+    alone: bool = False  # whether the worker runs only one trial, which was running in another worker when that died
+    replica: int | None = None  # index of the policy replica that the worker uses
     broken: list[Trial] = field(default_factory=list)  # trials that ended with an error
-    envs: int = 1  # number of trials that it runs at the same time, as it reports
+    envs: int = 1  # number of simultaneous trials, as last reported by the worker
 
 
 class RayPool:
     """Pool of the workers that run the trials of a run on a Ray cluster."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
-        """Create the pool. The arguments are those of :func:`ray_entries`."""
+        """Create the pool. The arguments are the same as for :func:`ray_entries`."""
         self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
         self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)
@@ -129,7 +129,7 @@ class RayPool:
                 )
 
     def close(self) -> None:
-        """End all actors. Trials that they have not finished are run when the command is repeated."""
+        """End all actors. To run the unfinished trials, run the same command again."""
         with contextlib.suppress(*loss_errors(self._ray)):
             closing = [worker.actor.close.remote() for worker in self._workers if worker.ready]
             if closing:
@@ -145,7 +145,8 @@ class RayPool:
     def _add_worker(self, replica: int | None = None) -> None:
         """Add a worker.
 
-        If the policy runs in replicas, the worker uses the given one, or by default the next one in turn.
+        If the policy runs in replicas, the worker uses the replica with the given index. By default, workers use the
+        replicas in turn.
         """
         settings, addresses = self._settings, self._replicas.addresses
         if addresses:
@@ -163,9 +164,9 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Give a worker an equal share of the trials that are left.
+        """Send a worker an equal share of the remaining trials.
 
-        While many trials are left, the worker also gets one more trial, which waits in its queue.
+        While many trials remain, the worker gets one more trial, which waits in the worker's queue.
         """
         if not worker.ready:
             return
@@ -230,7 +231,7 @@ class RayPool:
             write_durably(path, data)
 
     def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
-        """Check that a worker that has been prepared uses the same software versions as this process."""
+        """Mark a worker as ready after checking that it uses the same software versions as this process."""
         here = versions_here()
         other = {name: value for name, value in versions.items() if here.get(name, value) != value}
         if other:
@@ -247,7 +248,7 @@ class RayPool:
     def _handle_exit(self, worker: _WorkerActor, error: Exception) -> Iterator[JournalEntry]:
         """Replace a worker that was lost.
 
-        Its unfinished trials are queued again or, after too many attempts, given up.
+        The worker's unfinished trials are queued again. After too many attempts, a trial ends with an error instead.
         """
         logger.warning("a worker of the cluster died; other workers take its %d trials", len(worker.trials))
         self._workers.remove(worker)

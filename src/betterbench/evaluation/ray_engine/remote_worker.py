@@ -22,7 +22,7 @@ from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
 TURN_S = 2.0
-"""Longest time between two reports of a worker, even if no trial has ended [s]."""
+"""Longest time between two reports of a worker [s]. A worker also reports when no trial has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Report of a worker about the time since its last report.
+    """Report of a worker on its work since the last report.
 
     Attributes:
         deliveries: Trials that have ended.
@@ -55,7 +55,7 @@ class Turn:
 def versions_here() -> dict[str, str]:
     """Return the software versions and the CPU architecture of this machine.
 
-    They must be the same on all machines of a run, since only then are the results bit-identical.
+    They must be the same on all machines of a run, because the results are bit-identical only in this case.
     """
     return {
         "betterbench": __version__,
@@ -77,14 +77,14 @@ class RemoteWorker:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
         self._waiting: deque[Trial] = deque()
-        self._steps = 0  # since the last report
+        self._steps = 0  # number of control steps since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
-        """Prepare the worker.
+        """Prepare the worker, and return the software versions on this machine.
 
-        ``secrets`` contains environment variables that the worker needs to connect to the policy. Return the versions
-        on this machine, to be compared with those of the driver. If the worker cannot be prepared, the returned entry
-        "problem" contains the reason.
+        The driver compares these versions with its own. ``secrets`` contains environment variables that the worker
+        needs to connect to the policy. If the worker cannot be prepared, the result also contains the reason in the
+        entry "problem".
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
@@ -105,7 +105,7 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Accept trials, run for a while, and return a report. Trials wait until an environment is free."""
+        """Queue trials, run for up to :data:`TURN_S`, and return a report. Trials wait until an environment is free."""
         if self._worker is None:
             raise InvalidInputError("worker", "the worker is not prepared", "Call prepare first")
         self._waiting.extend(trials)

@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Number of replacements after which the run stops, as if a policy server could not be reached."""
+"""Largest number of replicas that are replaced in a run. After that, a dead replica stops the run."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -91,7 +91,7 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until the cluster has allocated resources to all replicas. Only then do the replicas load the policy."""
+        """Wait until the cluster has allocated resources to all replicas. The replicas load the policy after that."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(

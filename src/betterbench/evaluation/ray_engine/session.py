@@ -1,4 +1,4 @@
-"""Connection to a Ray cluster. Ray's errors are reported in one line."""
+"""Connection to a Ray cluster, and conversion of Ray's errors to one-line errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def import_ray() -> Any:  # noqa: ANN401 -- a module without types
 
 
 def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a module without types
-    """Return the exceptions that Ray raises if the cluster or a part of the cluster is lost."""
+    """Return the exceptions that Ray raises if the connection to the cluster, or a part of the cluster, is lost."""
     return ray.exceptions.RayError, ConnectionError
 
 
@@ -35,7 +35,7 @@ def first_line(error: Exception) -> str:
 
 
 def cluster_lost(error: Exception) -> WorkerError:
-    """Create the error for a cluster that no longer responds."""
+    """Return the error for a cluster that no longer responds."""
     return WorkerError(f"The Ray cluster no longer answers ({first_line(error)}). {TRY_AGAIN}")
 
 
@@ -78,7 +78,7 @@ class RaySession:
         except BaseException as error:
             ray.shutdown()  # Ray may have started some processes before the error
             if not isinstance(error, Exception):
-                raise  # Ctrl-C
+                raise  # Ctrl-C or an exit of the process
             where = address or "this machine"
             raise InvalidInputError(
                 "--ray-address", f"no Ray cluster at {where} ({first_line(error)})", "Start a cluster with `ray start`"

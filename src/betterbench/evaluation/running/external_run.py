@@ -1,4 +1,4 @@
-"""External runs: betterbench records trials in which the user's own loop gets observations and sends actions."""
+"""External runs, in which the user's own evaluation loop controls the trials and betterbench records them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """Run whose trials are executed by the user's own evaluation loop. It writes the same records as ``better eval``.
+    """Run whose trials are controlled by the user's own evaluation loop. It writes the same records as ``better eval``.
 
     Several processes may run different trials of one run at the same time, because the run folder is locked only while
     a line is written. Use this class as a context manager.
@@ -59,8 +59,8 @@ class ExternalRun:
     ) -> None:
         """Create a run. If the folder already contains a run with the same plan, resume that run.
 
-        The report shows the policy under the name that the plan contains. If ``needs_images`` is False, no images are
-        rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), and values that are JSON
+        The report shows the policy under the name in the plan. If ``needs_images`` is False, no images are rendered.
+        ``metadata`` contains further facts about the policy, such as its checkpoint and revision. Values that are JSON
         text are parsed. ``engine`` is the name of the user's loop, which is stored in the manifest.
 
         Raises:
@@ -91,8 +91,8 @@ class ExternalRun:
     def waiting(self) -> Iterator[Trial]:
         """Yield the trials that are not finished, in the order of the plan.
 
-        Other processes may finish some of the yielded trials in the meantime. If the plan has ``until_decided``, the
-        next round of trials is yielded when all trials of the previous round are finished.
+        Trials that other processes finish in the meantime are skipped. If the plan has ``until_decided``, the next
+        round of trials is yielded when all trials of the previous round are finished.
         """
         for trials in Schedule(self.plan, is_done=self._is_done, succeeded=self.folder.succeeded).rounds():
             for trial in trials:
@@ -113,9 +113,9 @@ class ExternalRun:
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
         """Run a complete trial in which a function acts as the policy. Return the journal entry of the trial.
 
-        ``act`` maps an observation to one action (dim,) or to a chunk (horizon, dim). If it raises an exception, the
-        trial ends as ``policy_error``, and the run can continue. The errors of the methods :meth:`begin` and
-        :meth:`act` are raised.
+        ``act`` maps an observation to one action (dim,) or to a chunk (horizon, dim). If ``act`` raises an exception,
+        the trial ends as ``policy_error``, and the run can continue. Raises the same errors as :meth:`begin` and
+        :meth:`act`.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:
@@ -133,11 +133,11 @@ class ExternalRun:
     def begin(self, trial: Trial) -> Observation:
         """Begin the episode of a trial in the plan, and return the first observation.
 
-        An episode that is still running is abandoned.
+        If another episode is still running, it is abandoned.
 
         Raises:
             PolicyError: If the trial failed with an error. The journal contains the reason.
-            PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
+            PremiseError: If the scene violates an assumption of the instruction. The run must stop.
             StorageError: If the disk is full. The run must stop.
         """
         self.abandon("the external loop began another episode")
@@ -145,7 +145,7 @@ class ExternalRun:
         self._advance(None)
         seen = None if self.start is None else self._advance(Reply(_NOTHING, 0.0))
         if seen is None:
-            raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed} broke down: {self._reason()}")
+            raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed} ended with an error: {self._reason()}")
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
@@ -165,17 +165,17 @@ class ExternalRun:
         return self._advance(Reply(np.asarray(actions), time.perf_counter() - self._asked))
 
     def fail(self, reason: str) -> None:
-        """End the current episode as ``policy_error``, because the policy has failed. The trial counts as run."""
+        """End the current episode as ``policy_error``, because the policy has failed. The trial is not repeated."""
         if self._steps is not None:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """End the current episode, if any, without a result. The trial is repeated when the run is resumed.
+        """End the current episode, if there is one, without a result. The trial is repeated when the run is resumed.
 
         ``reason`` is written to the journal.
         """
         if self._steps is not None:
-            self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
+            self._advance(PolicyUnavailableError(f"{reason}. Start the same run again to repeat the trial"))
 
     def close(self) -> None:
         """Abandon the current episode and close the renderers."""
@@ -226,7 +226,7 @@ class ExternalRun:
 
 
 class _Declared(PolicyFactory):
-    """Description of a policy that is called by the user's own evaluation loop."""
+    """Policy factory that only provides the description of a policy, which the user's own evaluation loop calls."""
 
     def __init__(self, info: PolicyInfo) -> None:
         super().__init__(info.name, kind=kind_of_callers(info.name))
@@ -256,7 +256,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal in order to write one line. Other processes wait until this is done."""
+    """Context manager that opens the journal to write one line. Other processes wait until the journal is closed."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

@@ -10,7 +10,7 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of first trials that must end with the same error. Fewer trials could do so by chance."""
+"""Number of trials that must end with the same error. Fewer trials could have the same error by chance."""
 
 
 class FailingStart:

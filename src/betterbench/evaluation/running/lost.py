@@ -1,4 +1,4 @@
-"""Search for finished trials whose record or scene cannot be used. They are repeated when the run is resumed."""
+"""Search for finished trials whose record or scene cannot be used, so that they are repeated in a resumed run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ logger = logging.getLogger(__name__)
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
     """Find finished trials whose files cannot be used, and mark them as unfinished. Return the number of such trials.
 
-    The mark is written to the journal. Files that cannot be used are moved to ``RUN/set-aside`` and never deleted.
+    The mark is written to the journal. Files that cannot be used are not deleted, but moved to ``RUN/set-aside``.
     Raises OSError if they cannot be moved.
     """
     lost = 0

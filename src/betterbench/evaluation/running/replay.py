@@ -1,4 +1,4 @@
-"""Replay of a record: its actions are simulated again, and all results are compared bit for bit."""
+"""Replay of a record: the recorded actions are simulated again, and all results are compared bit for bit."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
 """Columns of a record that the goal tracker computes."""
 
 MOST_DEVIATIONS = 6.0
-"""Largest plausible noise of an executed action [standard deviations]."""
+"""Largest plausible noise of an executed action, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata that depend on installed versions. If they differ, this is reported only as a note."""
+"""Fields of the metadata that depend on installed versions. Differences in these fields are not errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class ReplayCheck:
         rows: Number of rows that were compared.
         first_difference: Index of the first row whose state differs, or None if all states are equal.
         largest_difference: Largest difference in a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker again computes the recorded values, and the recorded outcome follows
-            from these values.
+        verdict_agrees: Whether the goal tracker computes the recorded values again, and whether the recorded outcome
+            follows from them.
         notes: Possible reasons for a difference.
         differing: Descriptions of the fields that differ. If a field is a single value, its description contains both
             values.
@@ -95,8 +95,8 @@ def check_record(path: Path) -> ReplayCheck:
 def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
     """Create the scene of a record.
 
-    The robot and the rendering quality are named in the record or in the plan. If they are not, several are tried until
-    the scene matches the record.
+    The robot is taken from the plan, and the rendering quality from the record or the plan. If one of them is not
+    known, all candidates are tried until the scene matches the record.
     """
     meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
@@ -125,10 +125,10 @@ def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object])
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run that contains a record. Before that, compare the record with the plan and the journal of the run.
+    """Return the run that contains a record, or None if the record is not in a run.
 
-    Return None for a record that is not in a run. Raises RecordError if the comparison fails, or if the record is not
-    stored at the path for its trial.
+    Raises RecordError if the record contradicts the plan or the journal of the run, or if it is not stored at the path
+    for its trial.
     """
     place = path.absolute()
     if len(place.parents) < 4 or not (place.parents[3] / "run.json").is_file():
@@ -173,7 +173,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        # Raises an error if the chosen action is invalid.
+        # The result is not used, but an invalid action raises an error.
         scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()
@@ -256,7 +256,7 @@ def _metadata(record: Record, again: Record) -> Iterator[str]:
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:
-            continue  # it is a setting of the run
+            continue  # the quality of the images is a setting of the run and does not follow from the replay
         if field.name not in _NOT_DERIVED and told != due:
             shown = [str(value) if len(str(value)) <= 60 else f"{str(value)[:57]}..." for value in (told, due)]
             yield f"metadata.{field.name} is {shown[0]} but the replay gives {shown[1]}"

@@ -1,7 +1,4 @@
-"""Execution of a plan: workers run the trials.
-
-Finished trials are listed in a journal, so that a run can be resumed.
-"""
+"""Execution of a plan by workers, with a journal of finished trials so that the run can be resumed."""
 
 from __future__ import annotations
 
@@ -52,7 +49,7 @@ Engine = Literal["local", "ray"]
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Largest number of passes over the trials, if records disappear during the run."""
+"""Largest number of passes over the trials. A further pass is made only if records disappear during the run."""
 
 _TURN_S = 1.0
 
@@ -63,7 +60,7 @@ class Progress:
 
     Attributes:
         done: Number of finished trials.
-        planned: Number of trials in the plan. With ``--until-decided``, this is the largest number that may be needed.
+        planned: Number of trials in the plan. With ``--until-decided``, the run may need fewer trials.
         elapsed_s: Time since this process started to run trials [s].
         started_with: Number of trials that were already finished when this process started.
         last: Journal entry of the trial that ended last, or None.
@@ -93,31 +90,31 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run all trials of a plan that the journal does not contain as finished.
+    """Run all unfinished trials of a plan, and return the run folder.
 
-    If the plan has ``until_decided``, only the trials that are needed for the verdicts are run. Trials whose record is
-    missing or damaged are run again. The conventions of the policy are checked before anything is written. Results do
-    not depend on the engine or on the number of workers and environments.
+    If the plan has ``until_decided``, only the trials that are needed for the verdicts are run. Finished trials whose
+    record is missing or damaged are run again. The conventions of the policy are checked before anything is written.
+    Results do not depend on the engine or on the number of workers and environments.
 
     Args:
         plan: Plan of the run. An unfinished run with the same plan is resumed.
         out: Run folder.
-        workers: Number of worker processes. If it is 1, the trials run in this process, but a user's policy always runs
-            in a separate process. If it is None, there is one worker per CPU core of this machine or cluster, or only
-            one worker if each worker would have to load the weights of the policy.
-        envs: Number of environments per worker. If it is None, policies that answer immediately get one environment.
-            For other policies, the number is chosen in a warm-up, which measures how long the policy and the simulation
-            take, and is limited by the free memory.
+        workers: Number of worker processes. If 1, the trials run in this process, but a user's policy always runs in a
+            separate process. If None, there is one worker per CPU core of this machine or cluster. If each worker would
+            have to load large weights of the policy, however, None means one worker.
+        envs: Number of environments per worker. If None, policies that answer immediately get one environment. For
+            other policies, a warm-up measures the durations of policy calls and simulation, and chooses the number
+            within the limits of the free memory.
         engine: "local" for processes on this machine, or "ray" for actors on a Ray cluster.
         cluster: Ray cluster to use.
-        policy_timeout_s: Maximum time for one answer of a policy that runs in a worker process [s]. A later answer ends
-            the trial.
+        policy_timeout_s: Maximum time for one answer of a policy that runs in a worker process [s]. If the answer takes
+            longer, the trial ends with a policy error.
         allow_changed_policy: Whether a run may be resumed even if the description of the policy has changed since the
             run began.
-        repeats: Earlier run that this run repeats, or None. Unless ``allow_changed_policy`` is True, it must have the
-            same policy.
-        policies: Factory for a policy object that has no address. It requires a single worker. If it is None, the
-            policy address in the plan is used.
+        repeats: Earlier run that this run repeats, or None. Unless ``allow_changed_policy`` is True, the earlier run
+            must have the same policy.
+        policies: Factory for a policy object that has no address. It requires a single worker. If None, the policy
+            address in the plan is used.
         on_progress: Function that is called once at the start and after every trial.
         on_steps: Function that is called about twice a second with the number of control steps that were executed since
             this process started.
@@ -125,7 +122,7 @@ def evaluate(
     Raises:
         RunConflictError: If the folder contains a different run, if another process writes to it, or if the policy has
             changed.
-        PremiseError: If a scene contradicts what its instruction assumes.
+        PremiseError: If a scene violates an assumption of its instruction.
         InvalidInputError: If a number is out of range, or if the policy uses a different action space than the run.
         UnknownNameError: If no policy has this address.
         PolicyUnavailableError: If the policy's server cannot be reached.
@@ -169,7 +166,7 @@ def evaluate(
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Log the assumptions made about a policy, and check that this machine can render the images that the policy needs.
+    """Log the assumptions made about a policy, and check that this machine can render images if the policy needs them.
 
     Without this check, every trial would fail for the same reason.
     """
@@ -223,11 +220,11 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Facts about the policy, which are determined before the run starts."""
+    """Facts about the policy that are determined before the run starts."""
 
     info: PolicyInfo
     envs: int  # default number of environments per worker
-    policies: PolicyFactory | None = None  # may hold the instance that was created; None if a host serves the policy
+    policies: PolicyFactory | None = None  # factory, perhaps with an instance; None if a host serves it
     host: Host | None = None  # process that serves the policy to all workers
     shared: bool = False  # whether one instance serves several workers
     one_worker: bool = False  # whether each additional worker would load the weights again
@@ -236,7 +233,7 @@ class _Asked:
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Create the policy or connect to it, and compare the conventions of the policy with those of the run.
+    """Create the policy or connect to it, and compare the conventions of policy and run.
 
     When ``stack`` is closed, the resources of the policy are released.
     """
@@ -318,7 +315,7 @@ def _entries(
 ) -> Generator[JournalEntry, None, None]:
     """Run the trials of the schedule, and yield the journal entry of each trial when it ends."""
     workers = settings.workers
-    last = 2 * workers * max(settings.envs, settings.most_envs)  # enough for each environment to run some of them
+    last = 2 * workers * max(settings.envs, settings.most_envs)  # at least two per environment
     later = (settings.world.in_order(trials, last=last) for trials in schedule.rounds())
     first = next(later, [])
     if not first:
@@ -331,7 +328,7 @@ def _entries(
                 yield from _in_this_process(worker, trials)
         return
     if asked.policies is not None:
-        asked.policies.close()  # since each worker creates its own policy
+        asked.policies.close()  # each worker creates its own policy
     if session is not None:
         from betterbench.evaluation.ray_engine.pool import ray_entries  # noqa: PLC0415 - as above
 

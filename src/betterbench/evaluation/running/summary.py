@@ -12,9 +12,10 @@ from betterbench.tasks import Expected
 
 
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
-    """Return the numbers of trials, of successes in training conditions and variations, and of trials with errors.
+    """Return the numbers of successes and trials for training conditions and variations, and the number of errors.
 
-    Ambiguous trials are counted separately. If ``seeds`` is given, only trials with these seeds are counted.
+    In each group, "k" is the number of successes (or errors) and "n" the number of trials. Ambiguous trials are counted
+    separately. If ``seeds`` is given, only trials with these seeds are counted, except for the errors.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
     counts["ambiguous"] = {"n": 0}
@@ -92,12 +93,15 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Parts into which the duration of a run is divided."""
 
 WAITED = 0.2
-"""Fraction of the workers' time spent waiting, above which the policy is considered the bottleneck."""
+"""Threshold for the fraction of time that workers spend waiting for the policy.
+
+At or above it, the policy or its messages count as the bottleneck.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class RunTimes:
-    """Time that each part of a run took. The times are summed over all trials, including those of earlier sessions.
+    """Time that each part of a run took, summed over all trials, including those before the run was resumed.
 
     Attributes:
         policy_s: Time from request to reply, without ``wire_s`` [s]. The requests of several environments may overlap
@@ -106,7 +110,7 @@ class RunTimes:
         rendering_s: Time for creating observations, which is mostly spent on rendering images [s].
         wire_s: CPU time that betterbench spends on messages to and from the policy: resizing, packing and sending
             images, and reading replies [s]. The network latency is part of ``policy_s``.
-        idle_s: Time during which workers only waited for the policy [s].
+        idle_s: Time that workers spent waiting for the policy [s].
         envs: Number of environments per worker in the last trial, or None if the policy runs in the worker itself.
     """
 
@@ -151,10 +155,7 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return the times of the parts of several trials, as the journal gives them.
-
-    Return None if it contains no times.
-    """
+    """Return the total times of the parts of several trials, or None if the journal entries contain no times."""
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

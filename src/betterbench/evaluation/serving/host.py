@@ -1,6 +1,6 @@
 """Policy host: a process that serves a policy to all workers of a run with openpi's protocol.
 
-The policy itself runs in a child process of the host, so a crash of the policy affects only the current trial.
+The policy itself runs in a child process of the host, so a crash of the policy affects only the current trials.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from betterbench.policies.factory import PolicyFactory
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Largest number of times that a host is restarted."""
+"""Largest number of times that a host is restarted after it has died."""
 
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` in sysexits.h)."""
@@ -92,7 +92,7 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Policy address for the workers. The server itself tells them how to execute action chunks."""
+        """Policy address for the workers. The server sends them the execution settings for action chunks."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
@@ -119,14 +119,14 @@ class Host:
             )
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
-        """Wait for the process.
+        """Wait until the process has loaded the policy.
 
         Return the description of the policy, whether the policy accepts batches, and the port.
         """
         if self._running is None:
             raise AssertionError("unreachable: the host has been started")
         process, pipe = self._running.process, self._running.connection
-        # The pipe alone is not enough, since a child of a dead process may keep it open.
+        # Polling the pipe is not enough, because a child of a dead process may keep the pipe open.
         while not pipe.poll(_POLL_S) and process.is_alive():
             pass
         message: tuple[PolicyInfo, bool, int] | BetterError | None = None
@@ -147,12 +147,12 @@ class Host:
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
-    """Return the address under which the workers of a run reach a policy that the run itself serves.
+    """Return the policy address that the workers use for a policy that the run itself serves.
 
     A reply may take at most ``timeout_s`` [s]. Workers wait up to ``patience_s`` [s] for a server that restarts.
     """
     # The server enforces the deadline. The client's deadline is longer, and matters only if the server fails. The first
-    # answer may have to wait until the weights have been loaded.
+    # reply may also take the time for loading the weights.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
@@ -162,8 +162,8 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
     """Main function of a host process: serve a policy until the other end of ``pipe`` is closed.
 
     ``run`` contains the action space, the observation preset, the benchmark whose conventions apply (such as "libero",
-    or empty), and the control rate [Hz]. Port 0 stands for any free port. The description of the policy and the port,
-    or an error, are sent to ``pipe``.
+    or empty), and the control rate [Hz]. With port 0, any free port is used. After loading the policy, the process
+    sends the policy's description and the port to ``pipe``. If loading fails, it sends the error instead.
     """
     prepare_process()
     space, observation, world, rate_hz = run
@@ -178,7 +178,10 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
 
 
 def exit_hung() -> None:
-    """Notify the clients, then end this process, because a policy call that hangs cannot be ended in any other way."""
+    """End this process after a short delay for replies to the clients.
+
+    A policy call that hangs cannot be ended in any other way.
+    """
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 

@@ -1,4 +1,4 @@
-"""Returns freed memory to the operating system, which matters for servers that run for weeks."""
+"""Release of freed memory to the operating system, for servers that run for weeks."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import gc
 
 
 def return_memory() -> None:
-    """Return freed memory to the operating system. By default, glibc's allocator would keep it.
+    """Release freed memory to the operating system. glibc's allocator would otherwise keep it for this process.
 
-    Other allocators are not affected.
+    With other allocators, only unused Python objects are collected.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

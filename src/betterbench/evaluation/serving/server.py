@@ -39,7 +39,7 @@ KEPT_INSTANCES = 1
 """Number of unused policy instances that are kept for new clients."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""Rule by which the server detects the start of an episode, since the protocol has no message for it."""
+"""Rule for detecting the start of an episode, because openpi's protocol has no message for it."""
 
 
 def open_server(
@@ -57,7 +57,7 @@ def open_server(
     made: Policy | None = None,
     deadline: Deadline | None = None,
 ) -> PolicyServer:
-    """Create a policy server. It is bound to its port, and accepts requests after ``start`` has been called.
+    """Create a policy server. It binds its port immediately, and accepts requests after ``start`` has been called.
 
     Args:
         policy: Address of the policy.
@@ -66,14 +66,14 @@ def open_server(
         chunk: Number of actions in a reply of an expert.
         batch: Maximum number of observations in one call of a policy that supports batches.
         clients: Maximum number of simultaneous clients. Workers of a run do not count as clients.
-        trial: Trial for clients that do not name a trial. If it is None, the server of an expert finds the trial by its
-            instruction.
+        trial: Trial for clients that do not name a trial. If None, the server of an expert determines the trial from
+            the instruction.
         robot: Robot that the clients of an expert use.
-        layout: Preset that describes the requests to an expert and the replies. If it is None, clients may use the
-            native layout and openpi's LIBERO layout.
+        layout: Preset that describes the requests to an expert and the replies. If None, clients may use the native
+            layout and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
-        made: Policy instance to serve. The server closes it. If it is None, the server creates an instance.
-        deadline: Deadline for replies if the clients are workers of a run, otherwise None.
+        made: Policy instance to serve. The server closes it. If None, the server creates an instance.
+        deadline: Deadline for replies if the clients are workers of a run, or else None.
 
     Raises:
         InvalidInputError: If an option is out of range, if the policy cannot be served, if a checkpoint is missing or
@@ -104,7 +104,7 @@ def open_server(
             f"{policy} is not an expert, so it supports only the layouts native and openpi_libero",
             "Omit --layout",
         )
-    kind.describe(kind.parse(policy))  # so that a missing checkpoint is reported now, not to the first client
+    kind.describe(kind.parse(policy))  # report a missing checkpoint now instead of to the first client
     if needs.state:
         # Imported here because it imports MuJoCo, which only an expert needs.
         from betterbench.evaluation.serving.shadow import ShadowSimulations  # noqa: PLC0415
@@ -158,9 +158,9 @@ def _shadow_metadata(
 class SessionStore:
     """Store of policy instances. If the policy supports batches, all connections share one instance.
 
-    Otherwise, each connection has its own instance. When a connection ends, its instance is used for the next
-    connection, so that weights need not be loaded again when a client reconnects. At most :data:`KEPT_INSTANCES` unused
-    instances are kept. A new connection always begins with a reset of the policy.
+    Otherwise, each connection has its own instance. When a connection ends, its instance is kept for the next
+    connection, so that the weights need not be loaded again when a client reconnects. At most :data:`KEPT_INSTANCES`
+    unused instances are kept. A new connection always begins with a reset of the policy.
     """
 
     def __init__(
@@ -236,10 +236,10 @@ def declare(
         needs_images: Whether the policy uses images.
         batch: Maximum number of observations in one call of the policy.
         more: Further facts for clients.
-        execution: How clients execute action chunks.
+        execution: Execution settings for action chunks.
         cameras: Cameras that the policy uses, or None for all cameras.
-        expert: Whether the policy is an expert, for which the server simulates the client's trial. If so, betterbench's
-            own clients name the trial in their requests.
+        expert: Whether the policy is an expert. For an expert, the server simulates the client's trial, and
+            betterbench's own clients name the trial in their requests.
     """
     return {
         "betterbench": {

@@ -27,8 +27,8 @@ class PolicySession:
     ) -> None:
         """Open a session. The policy must belong to this session alone, or answer each observation independently.
 
-        ``trial`` gives the episode number if a client does not send one. ``within`` is True if the client is a worker
-        of a run. Error messages are then written to the records of the run.
+        ``trial`` determines the episode number if the client does not send an episode number. ``within`` is True if the
+        client is a worker of a run, in which case error messages are written to the records of the run.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
@@ -81,9 +81,9 @@ class Counter:
         self.begins = False
 
     def step(self, request: Request, episode: object) -> int:
-        """Return the control step of a request. Set ``begins`` to whether the request begins an episode.
+        """Return the control step of a request. Set ``begins`` to True if the request begins an episode, else False.
 
-        ``episode`` is a value that differs from episode to episode.
+        ``episode`` is any value that identifies the episode of the request.
         """
         key = (episode, request.instruction)
         self.begins = key != self._episode or request.step == 0
@@ -94,15 +94,15 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Remember that ``count`` actions were sent for the steps that begin with ``step``.
+        """Note that ``count`` actions were sent, the first for control step ``step``.
 
-        A client that does not send its step number is assumed to execute all of these actions.
+        A client that does not send its control step is assumed to execute all of these actions.
         """
         self._next = step + count
 
 
 def check_space(start: EpisodeStart, space: str, who: str) -> None:
-    """Raise InvalidInputError if the action space of the client is not that of the served policy.
+    """Raise InvalidInputError if the client and the served policy have different action spaces.
 
     ``who`` is the name of the policy in the error message.
     """

@@ -1,11 +1,10 @@
 """Shadow simulations: for each client of a served expert, the server simulates a copy of the client's scene.
 
-This is necessary because the expert needs the state of the scene, but clients send only observations. The ID of a trial
-determines the trial completely: on the same kind of machine, the same task, condition, seed and actions give
-bit-identical states. Therefore, a client only has to send its control step. A client that executes only a part of a
-chunk, repeats a request, or reconnects (even to a server that has been restarted) gets the same actions. The client's
-measurements are compared with the state of the shadow simulation, in order to notice if the client has executed other
-actions.
+This is necessary because the expert needs the state of the scene, but clients send only observations. On the same kind
+of machine, the same task, condition, seed and actions give bit-identical states, so a client only has to send its
+trial and its control step. A client that executes only a part of a chunk, repeats a request, or reconnects (even to a
+server that has been restarted) gets the same actions. The client's measurements are compared with the state of the
+shadow simulation, to detect clients that have executed other actions.
 """
 
 from __future__ import annotations
@@ -37,13 +36,14 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 TOLERANCE = 1e-6
-"""Largest difference that is allowed between the client and the shadow simulation: joint angles [rad], end-effector
-position [m] and gripper width [m].
+"""Largest allowed difference between the client and the shadow simulation.
+
+It applies to joint angles [rad], end-effector position [m], quaternion components and gripper width [m].
 """
 KEPT = 64
 """Largest number of simulations per server.
 
-Each takes 20 MB. The oldest ones are dropped, and are run again when needed.
+Each takes 20 MB. The simulations that have not been used for the longest time are dropped, and are run again if needed.
 """
 SPARE = 4
 """Number of simulations that are kept for clients that reconnect, in addition to one per connected client."""
@@ -60,14 +60,14 @@ def require_within(trial: TrialId, step: int, step_limit: int) -> None:
 
 
 class ShadowSimulation:
-    """Simulation of a trial with a privileged policy. It has advanced to the last step that was requested."""
+    """Simulation of a trial with a privileged policy. It advances when later control steps are requested."""
 
     def __init__(self, policy: str, trial: TrialId, *, robot: str = USUAL_ROBOT) -> None:
         """Build the scene and reset it. The policy uses the standard action space of the robot.
 
         Raises:
             UnknownNameError: If the policy, task or condition does not exist.
-            PolicyError: If the scene contradicts what the instruction assumes.
+            PolicyError: If the scene violates an assumption of the instruction.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition
@@ -94,14 +94,14 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return up to ``count`` actions of the policy, beginning with a control step, as an array (n, dim).
+        """Return up to ``count`` actions of the policy, beginning at control step ``step``, as an array (n, dim).
 
-        If the policy fails at a later step, only the actions before the failure are returned. ``seen`` contains the
-        client's measurements at the control step, which are compared with the simulation.
+        If the policy fails at a later step, only the actions before the failure are returned. If ``seen`` is given, the
+        client's measurements in it are compared with the simulation at ``step``.
 
         Raises:
-            InvalidInputError: If the trial has ended before that step.
-            PolicyError: If the client's state differs from that of the simulation, or if the policy fails.
+            InvalidInputError: If the trial ends before ``step``.
+            PolicyError: If the client's state differs from the simulated state, or if the policy fails.
         """
         require_within(self.trial, step, self.step_limit)
         with self._lock:
@@ -112,7 +112,7 @@ class ShadowSimulation:
             return np.array(self._actions[step : step + count])
 
     def observation(self, step: int) -> Observation:
-        """Return the observation at a control step, without images. Raises the errors of :meth:`actions`."""
+        """Return the observation at a control step, without images. Raises the same errors as :meth:`actions`."""
         require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)
@@ -131,11 +131,10 @@ class ShadowSimulation:
         )
 
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
-        """Convert ``ee_delta`` actions (n, 7) to another action space. Return an array (n, dim).
+        """Convert ``ee_delta`` actions (n, 7), the first for control step ``step``, to another action space (n, dim).
 
-        The actions are those that are executed from the given control step on. A converted action commands the same
-        pose or joint angles for the end of its control step as the original action. If the action space is the same,
-        the actions are returned unchanged.
+        A converted action commands the same pose or joint angles for the end of its control step as the original
+        action. If ``space`` is the simulation's own action space, the actions are returned unchanged.
         """
         if space == self._scene.action_space.name:
             return actions
@@ -157,10 +156,10 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Continue the simulation until the number of known actions is ``until``.
+        """Continue the simulation until ``until`` actions are known.
 
-        If the policy fails before that, its error is raised only if the action with the index ``needed`` is missing. If
-        ``needed`` is None, the error is always raised.
+        If the policy fails before that, its error is raised only if the action for control step ``needed`` is missing.
+        If ``needed`` is None, the error is always raised.
         """
         while len(self._actions) < until and self._end is None:
             try:
@@ -192,7 +191,7 @@ class ShadowSimulation:
             return
         tool = float(np.linalg.norm(seen.ee_position - here.ee_position))
         raise PolicyError(
-            f"{self.trial} step {step}: the client's robot is not where the returned actions lead (the joints "
+            f"{self.trial} step {step}: the client's robot is not in the simulated state (the joints "
             f"differ by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} "
             "m). The client executed other actions, or uses a different version of betterbench or another kind of CPU"
         )
@@ -200,7 +199,7 @@ class ShadowSimulation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measurement:
-    """Measurements of a robot at a control step, with the names and units of :class:`Observation`."""
+    """Measurements of a robot at a control step. Names and units are the same as in :class:`Observation`."""
 
     joint_positions: np.ndarray
     joint_velocities: np.ndarray
@@ -228,11 +227,11 @@ class ShadowSimulations:
         self.action_space = robot_space(robot)
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
         self._clients = 0
-        # Building a scene fills caches that all scenes share.
+        # The lock also protects the construction of scenes, which fills caches that all scenes share.
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow simulation of a trial. It is created if it does not exist."""
+        """Return the shadow simulation of a trial, and create it if necessary."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:
@@ -247,7 +246,7 @@ class ShadowSimulations:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Note that a client has left, and drop simulations that are no longer needed."""
+        """Count a client that has left, and drop simulations that are no longer needed."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()

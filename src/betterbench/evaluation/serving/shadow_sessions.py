@@ -1,4 +1,4 @@
-"""Sessions for the clients of an expert. The sessions get the expert's actions from shadow simulations."""
+"""Sessions of the policy server for the clients of an expert, with actions from shadow simulations."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Largest difference between states that count as equal [m, rad].
+"""Largest difference between a client's state and a simulated state that count as equal [m, rad].
 
-They may differ slightly, since clients send float32.
+The rounding of states to float32 by clients causes differences below this value.
 """
 ASTRAY = 1e-3
-"""Difference above which a client has not executed the actions that it received [m, rad]."""
+"""Difference above which a client must have executed other actions than it received [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
 """States in a request, each with its values as (size,)."""
@@ -49,8 +49,8 @@ class ShadowSession:
         Args:
             shadows: Shadow simulations of all clients.
             chunk: Maximum number of actions in one reply.
-            trial: Trial of a client that does not name a trial. If it is None, the trial is found by its instruction.
-            layout: Layout of requests and replies. If it is None, clients may use the native layout and openpi's LIBERO
+            trial: Trial of a client that does not name a trial. If None, the trial is determined from the instruction.
+            layout: Layout of requests and replies. If None, clients may use the native layout and openpi's LIBERO
                 layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
@@ -93,12 +93,12 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step at which a client is.
+        """Return the current control step of a client.
 
-        If the client sends its control step, this is the result. Otherwise, it is the end of the last chunk or a step
-        within that chunk, because many clients execute only some of the received actions, or repeat a request before
-        they execute any. The step within the chunk is found by comparing states, each relative to the state at the
-        start of the episode. Raises PolicyError if no step matches.
+        If the client sends its control step (``counted``), this step is returned. Otherwise, the step must be found,
+        because many clients execute only some of the received actions, or repeat a request before they execute any. The
+        client's state is compared with the simulated states in the last chunk and at the end of this chunk. All states
+        are taken relative to the state at the start of the episode. Raises PolicyError if no step matches.
         """
         if self._counter.begins or self._start is None:
             self._start = (shadow.observation(step), states)
@@ -116,7 +116,7 @@ class ShadowSession:
             return self._chunk_began
         if min(gaps) > ASTRAY:
             raise PolicyError(
-                f"{shadow.trial} step {step}: the client's robot is not where the returned actions lead (its "
+                f"{shadow.trial} step {step}: the client's robot is not in the simulated state (its "
                 f"state differs by {min(gaps):.3g} m or rad). The client executed other actions, or sends the "
                 "state of another robot; a client without a state must send zeros"
             )
@@ -124,10 +124,9 @@ class ShadowSession:
 
 
 def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
-    """Return how much a client's states and a simulated observation differ, both relative to the start of the episode.
+    """Return the largest difference between a client's states and a simulated observation [m, rad].
 
-    The result is the largest difference between two corresponding numbers [m, rad]. Rotation vectors are compared as
-    rotations.
+    Both are taken relative to the start of the episode. Rotation vectors are compared as rotations.
 
     Args:
         states: States sent by the client.
@@ -152,14 +151,14 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
 
 
 def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
-    """Return the rotation, in the base frame, that leads from one rotation vector (3,) to another."""
+    """Return the rotation, in the base frame, from the rotation vector ``before`` (3,) [rad] to ``now`` (3,) [rad]."""
     return turn_between(from_axis_angle(before.tolist()), from_axis_angle(now.tolist()))
 
 
 def trial_of(instruction: str) -> TrialId:
     """Return the trial with seed 0 of the first training condition that has the given instruction.
 
-    Raises InvalidInputError, which names the closest instructions, if no training condition has this instruction.
+    Raises InvalidInputError if no training condition has this instruction. The message lists the closest instructions.
     """
     conditions: dict[str, Condition] = {}
     for task in all_tasks():
@@ -180,7 +179,7 @@ def trial_of(instruction: str) -> TrialId:
 
 
 def require_layout(layout: Adapter, robot: str, own_space: str) -> None:
-    """Raise InvalidInputError if a layout cannot be used for a robot that is served in the given action space."""
+    """Raise InvalidInputError if a layout cannot be used for a robot that is served in ``own_space``."""
     space, spec = layout.answer.space, robot_named(robot)
     if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""Evaluation of a policy object that the caller passes to the run. The object is used only in this process."""
+"""Evaluation of a policy object that the caller passes to the run, in this process only."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Needs of a policy object: a thread of its own, because nobody knows how long its answers take."""
+"""Needs of a policy object: its own thread, because its replies may take any time."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Policy factory that always returns the caller's policy object. The policy has the name that the object declares.
+    """Policy factory that always returns the caller's policy object, under the name that the object declares.
 
     The object gets one observation at a time, even if it supports batches. The caller closes the object.
     """
@@ -47,7 +47,7 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Create a policy kind for the caller's policy object.
+    """Return a policy kind for the caller's policy object.
 
     The kind is not registered, because other processes cannot create the object.
 
@@ -67,7 +67,7 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return what the policy of a plan needs.
+    """Return the needs of the policy in a plan.
 
     If no policy kind has this name, the policy is an object that the caller has passed to the run.
     """

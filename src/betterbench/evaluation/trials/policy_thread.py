@@ -1,4 +1,4 @@
-"""Thread that waits for the policy's answers, so that the simulation of other trials can continue meanwhile."""
+"""Thread that calls the policy and waits for its replies, so that the simulation of other trials can continue."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Answered:
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned for the request.
         outcome: Reply or exception. None after a successful :meth:`PolicyThread.connect`.
-        figures: Numbers of retries and reconnects of the policy's connection since the start of the episode, by name.
+        figures: Numbers of retries and reconnections since the start of the episode, by name.
         wire_s: CPU time that this process spent on the messages of this request: resizing, packing and sending images,
             and reading the reply [s].
     """
@@ -56,9 +56,9 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        If ``make`` fails, it is called again at the next request. ``client`` is True if the policy is one of
-        betterbench's own clients of a policy server. Its retries are then counted, and it is told the ID of each trial,
-        which it sends only to the server of an expert.
+        ``make`` creates the policy. If it fails, it is called again at the next request. ``client`` is True if the
+        policy is one of betterbench's own clients of a policy server. The retries of the client are then counted, and
+        the client gets the ID of each trial, which it sends only to the server of an expert.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -72,13 +72,13 @@ class PolicyThread:
         self._thread.start()
 
     def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
-        """Send a request. Return a ticket, which identifies the reply when it appears in the outbox."""
+        """Send a request. Return a ticket, i.e. a number that identifies the reply in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
 
     def connect(self) -> int:
-        """Create the policy without sending a request. Return a ticket, which identifies the outcome in the outbox."""
+        """Create the policy without sending a request. Return a ticket, as :meth:`ask` does."""
         ticket = self._tickets()
         self._inbox.put((ticket, None, None))
         return ticket
@@ -92,9 +92,9 @@ class PolicyThread:
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Use a new process for the next episode, because a trial has failed.
+        """Let the policy use a new process for the next episode, because a trial has failed.
 
-        This affects only a policy that runs in a separate process.
+        For a policy that does not run in a separate process, do nothing.
         """
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
@@ -104,9 +104,9 @@ class PolicyThread:
         self._inbox.put(None)
 
     def cut(self) -> None:
-        """Close the policy from another thread, which ends the current request.
+        """Close the policy from another thread, to end the current request.
 
-        Only betterbench's own clients, and policies in separate processes, support this.
+        Only betterbench's own clients and policies in separate processes support this.
         """
         if self._policy is not None:
             with contextlib.suppress(Exception):
@@ -139,9 +139,9 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Tell a client of a policy server which trial comes next.
+    """Pass the ID of the next trial to a client of a policy server, if the client has a method ``name_trial``.
 
-    This is only for betterbench's own clients, not for a user's policy.
+    Use this only for betterbench's own clients, not for a user's policy.
     """
     told = getattr(client, "name_trial", None)
     if callable(told):
@@ -149,24 +149,27 @@ def name_trial(client: object, trial: TrialId) -> None:
 
 
 def ready_at(policy: object) -> float:
-    """Return the time at which a policy became ready [s], as reported by the client of the policy's process."""
+    """Return the time at which a policy in a separate process became ready [s], or -inf for other policies."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
 
 def shared_cost_s(policy: object) -> float:
-    """Return the CPU time that another thread has spent on messages of a shared policy [s]."""
+    """Return the CPU time that the thread of a shared policy has spent on this connection's messages [s].
+
+    The result is 0 for other policies.
+    """
     cost = getattr(policy, "cost_s", 0.0)
     return cost if isinstance(cost, float) else 0.0
 
 
 def no_answer(limit_s: float) -> PolicyError:
-    """Create the error for a policy that did not answer within ``limit_s`` [s]."""
+    """Return the error for a policy that did not answer within ``limit_s`` [s]."""
     return PolicyError(f"the policy did not answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return the counts of a client's connection (retries, reconnects) by name.
+    """Return the numbers of retries and reconnections of a client, by name.
 
     The result is empty for a policy without a connection.
     """

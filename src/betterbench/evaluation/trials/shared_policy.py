@@ -1,4 +1,4 @@
-"""Policy that several connections share. It answers their requests in batches and has a deadline for each batch."""
+"""Policy that several connections share. It processes their requests in batches, and each request has a deadline."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from betterbench.policies.batching import BatchCollector
 from betterbench.policies.factory import close_policy
 
 POLICY_TIMEOUT_S = 300.0
-"""Default deadline for the reply of a policy in this process [s]."""
+"""Default time limit for a reply of a policy in this process [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """Deadline for the answers of a policy that the run itself serves."""
+    """Time limit for the replies of a policy that the run itself serves, and the action if it is exceeded."""
 
     limit_s: float
     """Longest time from a request to the reply [s]."""
     on_hang: Callable[[], None]
-    """Function that is called when the deadline has passed.
+    """Function that is called when the time limit is exceeded.
 
-    A call that hangs can be ended only together with its process.
+    It usually ends the process, because a call that hangs cannot be ended in any other way.
     """
 
 
 class SharedPolicy:
-    """Policy that all connections share. It answers all pending requests in one batch.
+    """Policy that all connections share. It processes pending requests together in one batch.
 
-    The policy is called by a single thread. A policy that does not support batches gets one observation at a time.
+    A single thread calls the policy. A policy that does not support batches gets one observation at a time.
     """
 
     def __init__(
@@ -46,14 +46,14 @@ class SharedPolicy:
     ) -> None:
         """Start the thread.
 
-        ``batch`` is the maximum number of observations in one call. ``expected`` returns how many requests may be
-        pending at the same time, as in :class:`~betterbench.policies.batching.BatchCollector`.
+        ``batch`` is the maximum number of observations in one call. ``expected`` returns the number of requests that
+        may be pending at the same time, as in :class:`~betterbench.policies.batching.BatchCollector`.
         """
         self._policy, self._deadline = policy, deadline
         self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch, expected=expected)
 
     def seat(self) -> Policy:
-        """Return a policy object for one connection. It passes its requests on to the shared policy."""
+        """Return a policy object for one connection, which passes its requests on to the shared policy."""
         return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
@@ -65,7 +65,7 @@ class SharedPolicy:
             close_policy(self._policy)
 
     def cut(self) -> None:
-        """Close the policy during a call, which ends the call.
+        """Close the policy during a call, to end the call.
 
         Only a policy in a separate process supports this.
         """
@@ -96,11 +96,11 @@ class _Given:
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
-"""Episode that begins with the observation, or None if none begins, and the observation."""
+"""Request to the policy: the start of a new episode (or None), and the observation."""
 
 
 class _SharedClient:
-    """Policy as one connection sees it, which passes requests on to the shared policy."""
+    """Policy object of one connection, which passes requests on to the shared policy."""
 
     def __init__(
         self, policy: Policy, collector: BatchCollector[_Asked, _Given], deadline: Deadline | None = None
@@ -109,9 +109,9 @@ class _SharedClient:
         self._policy, self._collector, self._deadline = policy, collector, deadline
         self._start: EpisodeStart | None = None
         self.cost_s = 0.0
-        """CPU time that messages of this connection have taken so far [s].
+        """CPU time spent on the requests of this connection so far [s].
 
-        The time of a batch is divided among its requests.
+        The time of a batch is divided equally among its requests.
         """
 
     @property

@@ -1,4 +1,4 @@
-"""Execution of a trial in a worker: the scene is built, the episode is run, and the record is written."""
+"""Execution of one trial in a worker: build the scene, run the episode and write the record."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from betterbench.tasks import Looks
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
-if TYPE_CHECKING:  # importing a plan imports statistics, which a worker does not need
+if TYPE_CHECKING:  # importing the plan also imports statistics, which a worker does not need
     from betterbench.evaluation.planning.plan import Plan
 
 logger = logging.getLogger(__name__)
@@ -67,13 +67,13 @@ class RunSettings:
         task_files: User files that workers load first.
         held: Folders that contain the run folder and are locked by the main process.
         looks: Appearance of objects and rooms ("seen" or "unseen").
-        known: Description of the policy at the start of the run, if the policy is on a server that the user has
-            started. Otherwise None.
+        known: Description of the policy at the start of the run, if the policy runs on a server that the user has
+            started, or else None.
         world: Benchmark in whose simulator the trials are run.
         most_envs: Maximum number of environments that a warm-up may choose. Without a warm-up, it is at most ``envs``.
         workers: Number of workers in the run. They share the memory of the machine.
-        trials: Maximum number of trials that were left when the run started, or 0 if this is not known.
-        turn: Index of the worker, which determines the EGL device.
+        trials: Number of unfinished trials when the run started or was resumed, or 0 if this is not known.
+        turn: Index of the worker. It determines the worker's EGL device.
     """
 
     run: str
@@ -113,14 +113,14 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Address at which the workers reach the policy."""
+        """Policy address that the workers use."""
         return self.served_at or self.policy
 
     @property
     def answer_limit_s(self) -> float:
         """Maximum time for a reply of the policy [s].
 
-        It is taken from the address of a policy server. For other policies, it is ``policy_timeout_s``.
+        For a policy server, the address contains this time. For other policies, it is ``policy_timeout_s``.
         """
         return answer_limit_s(self.policy, self.policy_timeout_s)
 
@@ -135,7 +135,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine what the policy needs, such as images. Raises a BetterError if this fails."""
+        """Create the policy factory, and determine the needs of the policy. Raises a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -154,14 +154,14 @@ class TrialRunner:
         self._processes = WorldProcesses(settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
-        """Run a trial, and write its record. The scene is written too, unless it has been written before.
+        """Run a trial, and write its record. The scene is also written, unless it is already stored.
 
         The generator yields the same items as :func:`betterbench.episodes.episode_steps`, or nothing if the policy
-        needs no thread. It returns the journal entry. The caller writes this entry to the journal, so that only one
-        process appends to the journal.
+        needs no thread. It returns the journal entry, which the caller writes to the journal, because only one process
+        may append to the journal.
 
         Raises:
-            PremiseError: If the scene contradicts what the instruction assumes. The run must stop.
+            PremiseError: If the scene violates an assumption of the instruction. The run must stop.
             StorageError: If the disk is full. The run must stop.
         """
         began = time.perf_counter()
@@ -189,7 +189,7 @@ class TrialRunner:
             status, message = "error", f"{error}, {MAX_DEATHS} times; run the same command again to retry it"
         except (PolicyUnavailableError, HandshakeError) as error:
             status, message = "error", str(error)
-        except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
+        except Exception as error:  # noqa: BLE001 - the trial is listed as an error; the run continues
             status, message = "error", described(error)
         finally:
             if scene is not None:
@@ -235,9 +235,9 @@ class TrialRunner:
     def _run_asking(
         self, scene: TrialScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
-        """Run an episode that yields its requests to the policy.
+        """Run an episode, and yield its requests to the policy.
 
-        If the policy's process was killed, repeat the episode.
+        If the policy's process is killed, repeat the episode.
         """
         for left in reversed(range(MAX_DEATHS)):
             try:
@@ -287,5 +287,5 @@ class TrialRunner:
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
-    """Create the journal entry for a trial that was lost together with its worker."""
+    """Return the journal entry for a trial that was lost together with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})

@@ -1,1 +1,1 @@
-"""Workers that run several trials in turn in one thread, and a pool of worker processes on this machine."""
+"""Workers that run several trials concurrently in one thread, and a pool of worker processes on this machine."""

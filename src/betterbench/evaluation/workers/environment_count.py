@@ -1,11 +1,12 @@
 """Choice of the number of environments per worker, based on the throughput measured in a warm-up.
 
-In terms of queueing theory, a worker with n environments is a closed queue. Each action chunk takes S seconds of the
-worker's time and L seconds of the policy's time. The throughput saturates at (L + S) / S environments, which is called
-the knee of the queue. With fewer environments, the worker has to wait. Near the knee, fluctuations still cost a quarter
-to a third of the throughput. Therefore, more environments are opened (see :data:`KNEES`) if this increases the
-throughput of the policy. If a server processes one request at a time, more environments only lengthen its queue, so the
-measured throughput does not increase. The number of environments does not affect the records.
+In terms of queueing theory, a worker with n environments is a closed queue. For each action chunk, the worker spends S
+seconds, and the reply of the policy takes L seconds. The throughput saturates at (L + S) / S environments, which is
+called the knee of the queue. With fewer environments, the worker has to wait. At the knee, random variations of the
+times still cost a quarter to a third of the throughput. Therefore, :data:`KNEES` times as many environments are opened,
+if a measurement shows that this increases the throughput. If a server processes one request at a time, the throughput
+does not increase, because more environments only lengthen the queue of the server. The number of environments does not
+affect the records.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ KNEES = 2.5
 """Number of environments to open, as a multiple of the knee."""
 
 LONGEST_QUEUE_S = 10.0
-"""Longest time until the last pending request is answered if requests are processed one by one [s].
+"""Longest time until the last pending request is answered, if the server processes one request at a time [s].
 
-It is a third of the usual deadline.
+It is a third of the default deadline of policy servers.
 """
 
 _ANSWERS = 16  # smallest number of answers in a measurement window
@@ -32,17 +33,17 @@ _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
 _PRESENT = 0.75  # fraction of environments that must have had an answer before a window begins
 _ENOUGH = 1.25  # smallest factor by which the number of environments is increased
-_GAIN = 1.2  # smallest gain in throughput that three times as many environments must bring
+_GAIN = 1.2  # smallest ratio of throughputs for which the increased number of environments is kept
 _IDLE = 0.15  # if the worker waits for less than this fraction of its time, more environments cannot help
-_UNHINDERED = 1.5  # latency, as a multiple of the minimum, up to which the server answers all requests immediately
-_STEP = 3  # largest factor of growth in one step if the server has a queue
-_LEFT_OVER = 1.5  # factor of growth that is allowed if all remaining trials then run at once
-_LONGEST_MEMORY = 64  # largest number of answer times that are kept
+_UNHINDERED = 1.5  # largest ratio of latency to minimum latency for which the server is assumed to have no queue
+_STEP = 3  # largest factor by which the number is increased at once if the server has a queue
+_LEFT_OVER = 1.5  # largest factor by which the goal is exceeded if all remaining trials can then run at once
+_LONGEST_MEMORY = 64  # number of latest latencies from which the median is computed
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Measurements made with a certain number of environments.
+    """Measurements made with a fixed number of environments.
 
     Attributes:
         envs: Number of environments.
@@ -58,22 +59,23 @@ class Window:
 
     @property
     def wanted(self) -> int:
-        """Smallest number of environments with which the worker should never have to wait."""
+        """Number of environments at which the worker should hardly ever have to wait (:data:`KNEES` times the knee)."""
         return math.ceil(KNEES * (self.latency_s + self.worker_s) / max(self.worker_s, 1e-6))
 
     @property
     def idle(self) -> float:
-        """Fraction of its time that the worker spends waiting."""
+        """Fraction of the worker's time that is spent waiting."""
         return max(0.0, 1.0 - self.rate * self.worker_s)
 
 
 class EnvironmentCount:
     """Controller of the number of environments of a worker.
 
-    The controller begins with ``first`` environments. It ignores requests made before the first reply, when a server
-    may still be compiling its model, and replies after a reconnection. As soon as most environments have received a
-    reply, it measures the replies in a window of time and chooses a new number of environments. A second window shows
-    whether the throughput has improved. If it has not, the previous number is restored.
+    The controller begins with ``first`` environments. Requests made before the first reply are ignored, because a
+    server may still be compiling its model. Replies after a retry or a reconnection are ignored too. As soon as most
+    environments have received a reply, the controller measures the replies in a window of time and chooses a new number
+    of environments. A second window shows whether the throughput has improved. If it has not, the previous number is
+    restored.
     """
 
     def __init__(
@@ -145,7 +147,7 @@ class EnvironmentCount:
             self._open_window()
 
     def limit(self, most: int) -> None:
-        """Limit the number of environments for the rest of the run, since the policy accepts no more connections."""
+        """Limit the number of environments for the rest of the run. Call this if the policy rejects connections."""
         self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
 
     def _decide(self, window: Window) -> None:

@@ -14,7 +14,7 @@ _SHARE = 0.5
 """Fraction of the free memory that additional environments may take."""
 
 _LEAST_BYTES = 16 << 20
-"""Smallest amount of memory that an environment (scene, record and connection) is assumed to take [bytes]."""
+"""Smallest memory that is assumed for one environment, with its scene, record and connection [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")
@@ -24,8 +24,8 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
     """Return the memory that this process can still use [bytes], or None if it is not known.
 
-    Both the machine and its control groups (cgroups) may limit the memory. Cached files of a control group that are not
-    in use count as free memory.
+    Both the machine and the control groups (cgroups) of the process may limit the memory. In a control group, inactive
+    cached files count as free memory.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None

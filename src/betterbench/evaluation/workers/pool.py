@@ -1,4 +1,4 @@
-"""Pool of worker processes on this machine. The pool sends trials to the processes through pipes."""
+"""Pool of worker processes on this machine, which get their trials through pipes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""Number of consecutive failed starts after which no more processes are started. The run continues with the others."""
+"""Number of consecutive failed starts after which no more processes are started.
+
+The run continues with the processes that are running.
+"""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -38,11 +41,11 @@ class WorkerProcess(SpawnedProcess):
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
-        self.alone = False  # whether it runs a single trial that was running in a process that died
+        self.alone = False  # whether the process runs only one trial, which was running in a process that died
         self.lost = False  # whether the process has closed its end of the pipe
         self.ready = False  # whether the process is ready
-        self.turn = settings.turn  # index among the living processes
-        self.envs = settings.envs  # number of simultaneous trials that it last reported
+        self.turn = settings.turn  # index among the running processes
+        self.envs = settings.envs  # number of simultaneous trials, as last reported by the process
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +56,9 @@ class OpenEnvironments:
 
 
 class WorkerPool:
-    """Pool that runs trials in worker processes. The trials of a process that has died are repeated.
+    """Pool that runs trials in worker processes, and repeats the trials of processes that have died.
 
-    Use it as a context manager.
+    Use the pool as a context manager.
     """
 
     def __init__(
@@ -85,7 +88,7 @@ class WorkerPool:
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
         """Run trials, and yield the journal entry of each when it ends.
 
-        The trials come in rounds, and the next round is requested when the previous one has ended.
+        The next round of trials is requested when all trials of the current round have ended.
 
         Raises:
             WorkerError: If workers keep dying.
@@ -127,8 +130,7 @@ class WorkerPool:
         """
         sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
         found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
-        # A child of a dead worker may keep the worker's pipe and sentinel open, which would hide the death of the
-        # worker.
+        # A child of a dead worker may keep the worker's pipe and sentinel open, so check for dead workers separately.
         found += [w for w in self._processes if not w.process.is_alive()]
         return dict.fromkeys(found)
 
@@ -137,7 +139,7 @@ class WorkerPool:
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             taken = {worker.turn for worker in self._processes}
             turn = next(number for number in itertools.count() if number not in taken)
-            with interrupts_blocked():  # until the process is in the list
+            with interrupts_blocked():  # an interrupt must not leave a process that is not in the list
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
@@ -188,7 +190,7 @@ class WorkerPool:
             worker.lost = True
 
     def _handle_worker_exit(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Remove a process that has died. Its trials are queued again or, after too many attempts, given up."""
+        """Remove a process that has died. Queue its trials again, or end them with an error after too many attempts."""
         yield from self._receive(worker)
         self._processes.remove(worker)
         how = worker.end(_WATCH_S)

@@ -1,4 +1,4 @@
-"""Count of the control steps of all workers in a run, which shows progress even before a trial has ended."""
+"""Count of the control steps of all workers in a run, to show progress even before a trial has ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class StepsTaken:
 
 
 class StepReport:
-    """Counter of the control steps of a worker. It is called after every step and reports at regular intervals."""
+    """Counter of a worker's control steps. It is called after every step, and reports the count regularly."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
         """Start counting. ``hand_over`` is called regularly with the number of steps since the last call."""

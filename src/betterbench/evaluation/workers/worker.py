@@ -35,15 +35,15 @@ logger = logging.getLogger(__name__)
 USUAL_ENVS = 8
 """Initial number of environments per worker for a policy in another process.
 
-While some environments wait, others are simulated. A warm-up then chooses the number
+While some environments wait for the policy, others are simulated. A warm-up then chooses a better number
 (:mod:`betterbench.evaluation.workers.environment_count`).
 """
 
 MOST_WAITING = 32
 """Largest initial number of environments of all workers together.
 
-A server that processes one request at a time in 0.3 s then needs 10 s for a full queue, which is less than the
-deadline.
+A server that takes 0.3 s per request and processes one request at a time then needs 10 s to answer one request of every
+environment, which is less than the deadline.
 """
 
 MOST_CHOSEN = 96
@@ -60,8 +60,8 @@ LEAVE_S = 2.0
 def usual_envs(policies: PolicyFactory) -> int:
     """Return the default number of environments of a worker.
 
-    It is 1 for a policy that replies immediately. It is also 1 for a Python policy that processes one observation at a
-    time, because each environment would need its own instance, possibly with large weights.
+    The number is 1 for a policy that replies immediately, and for a Python policy that processes one observation at a
+    time, because each environment would need its own instance of the policy, possibly with large weights.
     """
     needs = policies.needs
     if not needs.thread:
@@ -70,10 +70,7 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return the initial number of environments per worker.
-
-    With one worker, it is ``envs``; with many, it is smaller.
-    """
+    """Return the initial number of environments per worker: ``envs``, or fewer if there are many workers."""
     return max(1, min(envs, MOST_WAITING // workers))
 
 
@@ -90,11 +87,11 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return how many trials a worker gets at once, so that all workers finish at about the same time.
+    """Return the number of trials that a worker gets at once, so that all workers finish at about the same time.
 
     Trials that begin together end at about the same time. With eight environments, twelve trials per worker are
     therefore divided into six and six instead of eight and four. ``left`` is the number of trials that have not ended,
-    including those that are running.
+    including the running trials.
     """
     share = math.ceil(left / workers)
     return math.ceil(share / math.ceil(share / envs)) if share else 0
@@ -112,17 +109,17 @@ class _Slot:
     question: Question | None = None  # last request of the trial
     outcome: Reply | BaseException | None = None  # outcome of the last request, until the trial uses it
     waits: bool = False  # whether the trial cannot continue before the outcome arrives
-    figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
+    figures: Mapping[str, float] = field(default_factory=dict)  # numbers of retries and reconnections
     wire_s: float = 0.0  # CPU time spent on messages of the trial
-    connecting: bool = False  # whether the environment is new and takes no trials until its policy is connected
+    connecting: bool = False  # whether the environment is new and waits for the connection of its policy
 
 
 class Worker:
-    """Worker that runs several trials of a plan in turn, in the calling thread.
+    """Worker that runs several trials of a plan concurrently.
 
-    Physics and rendering run in this thread, and the policy runs in other threads. The order in which the trials are
-    continued does not affect the results, because every trial is determined by its scene and its policy. If the worker
-    is used in a ``with`` block, it is closed at the end of the block.
+    Physics and rendering run in the calling thread, which switches between the trials, and the policy runs in other
+    threads. The order in which the trials are continued does not affect the results, because every trial depends only
+    on its scene and its policy. If the worker is used in a ``with`` block, it is closed at the end of the block.
     """
 
     def __init__(
@@ -132,8 +129,9 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine what the policy needs. The worker closes ``policies``. If it is None, the worker creates a factory.
+        """Create the environments.
 
+        ``policies`` is the policy factory, which the worker closes. If it is None, the worker creates a factory.
         ``on_step`` is called after every control step of any trial.
         """
         if not 1 <= settings.envs <= MAX_ENVS:
@@ -143,13 +141,13 @@ class Worker:
         needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
-        # If the policy is in another process, a request that is pending when the worker is closed can be ended early.
+        # If the policy is in another process, a pending request can be interrupted when the worker is closed.
         self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
         self._idle_s = 0.0  # time spent waiting since the last trial ended
-        self._ended = 0  # trials
+        self._ended = 0  # number of trials that have ended
         used = used_bytes() if settings.most_envs > settings.envs else 0
         self._count = EnvironmentCount(
             settings.envs,
@@ -174,7 +172,7 @@ class Worker:
 
     @property
     def envs(self) -> int:
-        """Number of open environments. It is either fixed or chosen by the warm-up."""
+        """Number of environments, which is either fixed or chosen by the warm-up."""
         return self._count.number
 
     @property
@@ -184,12 +182,15 @@ class Worker:
 
     @property
     def free(self) -> int:
-        """Number of environments that can take a trial."""
+        """Number of environments that are free for a new trial."""
         return sum(slot.steps is None and not slot.connecting for slot in self._slots)
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` will raise. Callers with no more trials check it."""
+        """Error that the next call of :meth:`finished` will raise, or None.
+
+        A caller that has no more trials should check it, because it does not call :meth:`finished` again.
+        """
         return self._stop
 
     def _open_trials(self) -> int:
@@ -214,11 +215,12 @@ class Worker:
         """Run the trials until at least one has ended or ``timeout_s`` [s] has passed. Return the journal entries.
 
         Raises:
-            PremiseError: If a scene contradicts what its instruction assumes.
+            PremiseError: If a scene violates an assumption of its instruction.
             StorageError: If the disk is full.
-            PolicyUnavailableError: If the policy's server cannot be reached. The journal entry of the trial was
-                returned by the previous call.
-            HandshakeError: If the policy has changed. The journal entry of the trial was returned by the previous call.
+            PolicyUnavailableError: If the policy's server cannot be reached. The previous call has already returned the
+                journal entry of the trial.
+            HandshakeError: If the policy has changed. The previous call has already returned the journal entry of the
+                trial.
         """
         if self._stop is not None:
             raise self._stop
@@ -297,7 +299,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the process itself does not notice errors such as a wrong shape
+            slot.thread.distrust()  # the policy's process cannot detect errors such as a wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry
@@ -321,10 +323,7 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start using a new environment.
-
-        If the policy rejected its connection, limit the number of environments instead.
-        """
+        """Start using a new environment or, if the policy rejected its connection, limit the number of environments."""
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
@@ -367,7 +366,7 @@ class Worker:
                 if slot.waits:
                     self._ready.append(slot)
                 return
-        # If no slot matches, the trial of the request has ended, or the deadline of the request has passed.
+        # If no environment matches, the trial has ended or the deadline has passed, so the reply is ignored.
 
     def _count_answer(self, slot: _Slot, outcome: Reply | BaseException | None, *, clean: bool) -> None:
         if isinstance(outcome, Reply):
@@ -390,9 +389,9 @@ class Worker:
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
-        """Return the shared policy instance, for use by one environment.
+        """Return a policy object for one environment that uses the shared instance.
 
-        Each environment calls this in its own thread.
+        Each environment calls this method in its own thread.
         """
         with self._lock:
             if self._shared is None:
@@ -405,13 +404,13 @@ class Worker:
     def _due(self, slot: _Slot) -> float:
         """Return the deadline of a request [s], as measured by ``time.perf_counter``.
 
-        The time starts when the policy has been loaded, since there is a separate deadline for loading.
+        The time for loading the policy is not included, because there is a separate deadline for loading.
         """
         ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
         return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
 
     def _end_overdue(self) -> None:
-        """End the trials whose policy has missed its deadline. Then end the policy's process and replace its thread."""
+        """End the trials for which the policy has missed the deadline, and replace the policy's process and thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:
@@ -431,4 +430,4 @@ class Worker:
                 slot.thread.cut()
                 slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
-                self._ask(slot, slot.question)  # it was queued behind the batch that hangs, so it is sent again
+                self._ask(slot, slot.question)  # send the request again, which was waiting for the batch that hangs

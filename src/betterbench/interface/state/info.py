@@ -48,7 +48,7 @@ class ObjectInfo:
         slot: Name of the slot in which the object starts, or None.
         source: Source and author of the asset. Empty for assets of the procedural library.
         license: License of the asset. Empty for assets of the procedural library.
-        keeps_upright: Whether the object must not lie on its side in a container, such as a drink.
+        keeps_upright: Whether the object must stay upright in a container, as a drink must.
     """
 
     name: str

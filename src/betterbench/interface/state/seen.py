@@ -25,8 +25,8 @@ class SeenObject:
             would be visible without occlusion and image borders.
         pixels: Number of visible pixels.
         centroid: Mean column and row of the visible pixels [pixel]. This point may be outside the object.
-        runs: Run-length encoding of the visible pixels, row by row. Runs of pixels without and with the object
-            alternate, starting with a run without it.
+        runs: Run-length encoding of the visible pixels, row by row. The numbers alternate between pixels outside the
+            object and visible pixels of the object, starting with pixels outside.
     """
 
     box: Box
@@ -71,7 +71,7 @@ class FrameView:
     objects: Mapping[str, SeenObject]
 
     def depth_m(self, point: tuple[float, float, float]) -> float:
-        """Return how far a point in the world frame [m] is from the camera, measured along the optical axis [m]."""
+        """Return the distance [m] from the camera to a point in the world frame [m], along the optical axis."""
         return self.T_world_camera.inverse().apply(point)[2]
 
 

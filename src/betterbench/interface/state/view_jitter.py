@@ -27,7 +27,7 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Jitter of the cameras and the key light. Together with the model and the state, it determines the images.
+    """Jitter of the cameras and the key light. The model, the state and the jitter together determine the images.
 
     Attributes:
         cameras: Offset of each camera. Cameras that are not listed have their nominal pose.

@@ -15,8 +15,8 @@ from betterbench.interface.state.info import SceneInfo
 class Contact(NamedTuple):
     """Pair of bodies in contact, and the sum of the normal forces at all their contact points [N].
 
-    Bodies are the names of objects, "left_finger", "right_finger", "hand", "arm", "table" and "floor". The class is a
-    named tuple for speed, because several contacts are created at every control step.
+    A body is given as the name of an object, or as "left_finger", "right_finger", "hand", "arm", "table" or "floor".
+    The class is a named tuple for speed, because several contacts are created at every control step.
     """
 
     a: str
@@ -68,9 +68,9 @@ class WorldState:
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return the position of an object in the world frame [m].
+        """Return the position of an object's frame in the world frame [m].
 
-        It is the position of the origin of the object's frame, i.e. of the center of its bottom face.
+        The origin of the object's frame is the center of its bottom face.
         """
         return self.positions[self.info.index(name)]
 

@@ -42,7 +42,7 @@ GROUPS_KEY = b"betterbench.groups"
 """Key of a JSON list with the end of each row group [byte] and the SHA-256 of the group's bytes."""
 
 COMPRESSION_LEVEL = 1
-"""Compression level of zstd. All levels find the repetitions within a row group, and higher levels only take longer."""
+"""Compression level of zstd. Higher levels take longer and do not find more of the repetitions in a row group."""
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
@@ -96,8 +96,8 @@ class _Sink(io.RawIOBase):
 class ModalityWriter:
     """Writer of a modality file. The file is moved to its path only when it is complete.
 
-    The context manager removes an incomplete file. Within one installation, equal rows give equal bytes. Raises OSError
-    if the disk is full or not writable.
+    When the context manager exits, an incomplete file is removed. Within one installation, equal rows give equal bytes.
+    Raises OSError if the disk is full or not writable.
     """
 
     def __init__(self, path: Path, columns: tuple[ViewColumn, ...]) -> None:
@@ -312,13 +312,13 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return the message of an error about a file, without the file name and the remedy."""
+    """Return the message of an error about a modality file, without the file name and the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Convert exceptions from reading a damaged file into an error that names the file."""
+    """Context manager that converts exceptions from reading a damaged file to an error that names the file."""
     try:
         yield
     except BetterError:

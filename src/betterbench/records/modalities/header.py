@@ -17,7 +17,7 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 FORMAT_VERSION: Literal[2] = 2
 """Version of the columns and the header.
 
-It is increased when an older reader would misinterpret a new file. Files of version 1 have no checksum, and
+Increase it when older versions of betterbench would misinterpret a new file. Files of version 1 have no checksum, and
 `better materialize` creates them again.
 """
 
@@ -27,7 +27,7 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """Object of the scene. Its boxes are stored in the file.
+    """Object of the scene whose boxes are stored in the file.
 
     Objects have the same order as in the record's ``scene.objects``.
 
@@ -35,8 +35,8 @@ class BoxedObject:
         name: Name of the object in the scene.
         category: Category of the object.
         instance: Instance id of the object in the column ``instances``.
-        semantic: Semantic id of its category in the column ``semantics``.
-        half_size_m: Half extents of its 3-D box in the object frame [m].
+        semantic: Semantic id of the object's category in the column ``semantics``.
+        half_size_m: Half extents of the object's 3-D box in the object frame [m].
     """
 
     name: str
@@ -59,7 +59,7 @@ class ViewHeader:
             = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
         objects: Objects of the scene.
         stage: Instance ids of the robot and the stage.
-        renderer: Properties of OpenGL and the version of the simulator. The pixels depend on both.
+        renderer: Properties of OpenGL and the version of the simulator, because the pixels depend on both.
     """
 
     task: str

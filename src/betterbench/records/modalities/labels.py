@@ -13,13 +13,14 @@ NOTHING = 0
 """Instance id and semantic id of pixels that show the sky instead of a body."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""Parts of a scene other than objects, in the order of their instance ids from 1. "other" is all remaining bodies."""
+"""Parts of a scene other than objects, in the order of their instance ids from 1. "other" means all remaining bodies.
+"""
 
 FIRST_OBJECT = 10
 """Instance id of the first object in a scene. The other objects follow in the order of ``scene.objects``."""
 
 FIRST_OWN = 1024
-"""First semantic id of categories that users define. Their ids are computed from their names."""
+"""First semantic id of user-defined categories. The ids of these categories are computed from their names."""
 
 _LAST = 0xFFFF
 
@@ -47,7 +48,7 @@ def semantic_id(category: str) -> int:
 
 
 def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
-    """Return the semantic ids of the built-in categories and of additional ones, ordered by id.
+    """Return the semantic ids of the built-in categories and the given categories, ordered by id.
 
     Raises:
         InvalidInputError: If two categories have the same id (probability 1/64512 for two user-defined categories).

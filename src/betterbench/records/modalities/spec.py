@@ -59,7 +59,7 @@ class PlacedCamera:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewSpec:
-    """View: a camera of the scene (by name) or a user-defined camera, with an image size [pixel]."""
+    """Camera and image size [pixels] of a view. The camera is part of the scene (given by name) or user-defined."""
 
     camera: str
     width: _Side = 256
@@ -81,7 +81,7 @@ class ViewSpec:
 
     @property
     def text(self) -> str:
-        """The view in the format of the command line."""
+        """View in the format of the command line (see :meth:`parse`)."""
         place = ""
         if self.placed is not None:
             at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))

@@ -9,8 +9,8 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 
 LicenseKind = Literal["free", "restricted", "unknown"]
-"""Kind of license. A free license allows commercial use and changes, a restricted license forbids at least one of
-them, and of an unknown license this is not known."""
+"""Kind of license. A free license allows commercial use and changes. A restricted license forbids at least one of them.
+An unknown license is not recognized."""
 
 LicenseFilter = Literal["free", "any"]
 """Licenses that a search allows."""

@@ -210,7 +210,7 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
     for place, names in places.items():
         if len(names) < 2:
             continue
-        # Names only determine how poses are assigned to several equal objects.
+        # Among equal objects, the names only determine which object gets which pose.
         names.sort(key=lambda n: (condition.object(n).kind, n))
         objects = [(condition.object(n).kind, chosen[n].identity) for n in names]
         on, relation = chosen[place.target].identity, task.template.relation

@@ -20,7 +20,7 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 _GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 _MARGIN_M = 0.002
 _WORTH_FACES = 160
-"""Number of faces above which rendering a mesh needlessly costs more than testing whether it is visible."""
+"""Minimum number of faces of a mesh that is tested for visibility. Smaller meshes cost less than the test."""
 
 _Vector = tuple[float, float, float]
 
@@ -57,8 +57,8 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(fovy_deg)
             angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # The test uses plain Python numbers: between two images, NumPy's code drops out of the CPU's caches, and then
-        # multiplying two small arrays takes longer than this whole test.
+        # The test uses plain Python numbers, because NumPy's code is evicted from the CPU caches between two images.
+        # Multiplying two small arrays would then take longer than this whole test.
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()
         if geoms and self._riding[camera]:

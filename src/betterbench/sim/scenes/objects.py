@@ -17,9 +17,9 @@ VISUAL_GROUP, COLLISION_GROUP = 2, 3
 ROLLING_DAMPING = 3e-4
 """Angular damping of a free object [N m s/rad], which replaces rolling friction.
 
-Without any damping, a pushed orange rocks for a minute. The rolling resistance of fruit on wood is about 2 % of its
-weight at its radius. At 4 rad/s, this damping has the same effect on an orange. MuJoCo uses the same number as linear
-damping [N s/m], which reduces the speed by less than 1 % per second.
+Without any damping, a pushed orange rocks for a minute. The rolling resistance of fruit on wood is a torque of about
+2 % of weight times radius. For an orange at 4 rad/s, this damping gives the same torque. MuJoCo uses the same number as
+linear damping [N s/m], which reduces the speed by less than 1 % per second.
 """
 
 _TYPES = {

@@ -17,9 +17,9 @@ _FIELD_DEGREES = 45.0
 _DOWN = math.radians(35.0)
 """Angle by which the camera looks down, as the front camera of the scenes does [rad]."""
 _FILLED = 0.72
-"""Diagonal of the asset's bounding box, as a fraction of the image."""
+"""Size of the asset in the image: diagonal of the asset's bounding box, as a fraction of the image's side."""
 _SMALLER = 2
-"""Number of pixels that are averaged along each side, to smooth edges."""
+"""Supersampling factor along each side of the image, for antialiasing."""
 
 
 def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) -> np.ndarray:

@@ -106,7 +106,7 @@ class Renderer:
         self._near_m, self._far_m = float(model.vis.map.znear) * extent, float(model.vis.map.zfar) * extent
         self._pixels: dict[tuple[int, int], tuple[mujoco.MjrRect, np.ndarray, np.ndarray]] = {}
         self._bound = False
-        self._geometry: bool | None = None  # the pass for which flags and buffer are set up
+        self._geometry: bool | None = None  # whether the geometry pass is set up, or None for neither pass
         RENDERERS.add(self)
 
     def __enter__(self) -> Self:

@@ -127,13 +127,13 @@ class Quality:
 _QUALITY = TypeAdapter(Quality)
 
 FAST = Quality("fast", shadows=False, shadow_map_size=0, samples=0)
-"""Neither shadows nor multisampling: for large sweeps on machines without a graphics card."""
+"""Preset without shadows and multisampling, for large sweeps on machines without a GPU."""
 
 STANDARD = Quality("standard", shadows=True, shadow_map_size=512, samples=4)
-"""One shadow (4 mm texels, about one pixel of the front view) and four samples per pixel: for scores to report."""
+"""Preset for reported scores: one shadow (4 mm texels, about one pixel of the front view), four samples per pixel."""
 
 HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
-"""Fine shadow edges and eight samples per pixel: for figures and videos."""
+"""Preset for figures and videos: fine shadow edges, eight samples per pixel."""
 
 QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
 """All presets, keyed by name."""
@@ -239,7 +239,7 @@ def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
 
 def _add_furniture(spec: mujoco.MjSpec) -> None:
     """Add the floor, the pedestal and the table, which are all static."""
-    # MuJoCo uses the larger friction of two touching surfaces. With these low values, it uses that of the object.
+    # MuJoCo uses the larger friction of two touching surfaces. With these low values, the object's friction applies.
     friction = [0.5, 0.005, 0.0001]
 
     def add_box(body: mujoco.MjsBody, name: str, center: Vector, half_size: Vector, material: str) -> None:

@@ -275,7 +275,7 @@ PALETTE: dict[str, Rgb] = {
     "purple": (0.42, 0.14, 0.52),
     "pink": (0.90, 0.48, 0.58),
 }
-"""The color that each color word in an instruction stands for."""
+"""RGB color of each color word in instructions."""
 
 
 STEEL: Rgb = (0.74, 0.75, 0.77)

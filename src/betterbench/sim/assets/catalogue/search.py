@@ -35,7 +35,7 @@ _PER_MEMBER = 20
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
 """Weights of the similarity to the kind, the cosine with the row's own text, and the word score."""
 _UNRELATED = 0.2
-"""Weighted sum of a row that is unrelated to the query. This sum is mapped to the score 0."""
+"""Typical weighted sum of a row that is unrelated to the query. This sum is mapped to the score 0."""
 _COSTLY = 5_000
 """Maximum number of matching rows that are ranked. If there are more, frequent words only count in rows that also match
 rarer words."""

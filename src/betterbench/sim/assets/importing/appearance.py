@@ -19,14 +19,14 @@ FACE_BUDGET = 600
 THIN_FACE_BUDGET = 1_200
 """Maximum number of triangles of a thin-walled asset. With only 600, it would have dents."""
 WIRES_FACE_BUDGET = 2_400
-"""Maximum number of triangles of an object that would lose parts with 1,200, such as the hoops of a basket."""
+"""Maximum number of triangles of an object that would lose parts, such as the hoops of a basket, with only 1,200."""
 DENT_SHARE = 0.006
 """Distance between the reduced and the original surface above which dents are visible, as a fraction of the object's
 longest side. At 600 triangles, YCB's plate, bowl, mug and sponge deviate visibly (by 0.7 to 1.9 %), whereas its apple,
 can, banana and fork deviate by at most 0.5 %."""
 LOST_SHARE = 0.02
-"""If a point of the original surface is farther than this from the reduced surface, a part of the object (such as one
-bar of a wire basket) counts as lost. The distance is a fraction of the object's longest side."""
+"""Distance between the original and the reduced surface above which a part of the object (such as one bar of a wire
+basket) counts as lost, as a fraction of the object's longest side."""
 _BOX_FACES = np.array(
     [
         [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],

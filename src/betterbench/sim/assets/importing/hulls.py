@@ -31,7 +31,9 @@ _CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
 and a fraction of the middle side, or by no more than the length [m]. The middle side matters for slim objects: a fork
 is 3 cm wide and 28 cm long."""
 _THICK_FLOOR = 0.25
-"""If the floor of a hollow is higher than this fraction of the object's height, a solid base below it is tried."""
+"""Minimum height of a hollow's floor for which a solid base below the floor is tried, as a fraction of the object's
+height.
+"""
 _MOSTLY_FREE = 0.3
 """Fraction of a hollow that a decomposition may fill."""
 _LITTLE_FILLED = 0.1

@@ -23,7 +23,7 @@ _RAYS = 48
 """Width of the images used to find back-facing surfaces [pixel]."""
 _VIEWS = 8
 _MOST_POINTS = 12_000
-"""Maximum number of points on the visible surface whose distances are measured. So many suffice for a percentile."""
+"""Maximum number of points on the visible surface whose distances are measured. This is enough for a percentile."""
 
 
 _LINK_CELLS = 2.5

@@ -185,7 +185,7 @@ def check_picture(data: bytes, name: str, where: str) -> None:
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         large = True
     except Exception as error:  # Pillow raises many kinds of errors for broken images
-        unknown = isinstance(error, UnidentifiedImageError)  # whose text is an address in memory
+        unknown = isinstance(error, UnidentifiedImageError)  # its message contains only a memory address
         why = "its image format is not known" if unknown else one_line(error, most=120)
         problem = f"its texture {name} cannot be read ({why})"
         raise InvalidInputError(where, problem, "Save the texture as a PNG file again") from error
@@ -464,7 +464,7 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
             plain_gray = factor is None and tint is None
             return ((0.8, 0.8, 0.8, 1.0) if plain_gray else rgba), None, None, tint
         if not isinstance(material, trimesh.visual.material.PBRMaterial):
-            rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd in addition to the texture, or no Kd
+            rgba = (1.0, 1.0, 1.0, rgba[3])  # OBJ exporters write a gray Kd in addition to the texture, or no Kd
         picture = image.convert("RGB")
         picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
         return rgba, np.asarray(picture), np.nan_to_num(np.asarray(uv, dtype=np.float64)), _tint(mesh)

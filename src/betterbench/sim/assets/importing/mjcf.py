@@ -34,7 +34,9 @@ _REFUSED = {
     "replicate": "copies",
     "skin": "a skin",
 }
-"""Elements that a tabletop object does not need, and that could use unlimited memory or read further files."""
+"""MJCF elements that are rejected. A tabletop object does not need them, and they could use unlimited memory or read
+further files.
+"""
 
 _GEOM = mujoco.mjtGeom
 _FLAT = (int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_HFIELD))

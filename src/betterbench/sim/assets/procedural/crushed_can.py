@@ -49,7 +49,7 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     bend, lift, heading = uniforms(rng, (0.14, 0.46), (0.0, 0.010), (1.15, 1.55))
     bend, heading = bend * float(rng.choice([-1.0, 1.0])), heading * float(rng.choice([-1.0, 1.0]))
     if rng.random() < 0.5:
-        heading += math.pi  # the other end in front
+        heading += math.pi  # turns the other end to the front
     design, shade = str(rng.choice(DESIGNS)), jittered(PALETTE[color], rng, amount=0.06)
     crush = _Crush(length, height, waist, at, bend, lift)
     mesh = _squeezed(rng, crush).rotated("z", heading)

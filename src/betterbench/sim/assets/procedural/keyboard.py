@@ -76,7 +76,7 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
             "typing",
         ),
         mass_kg=round(16.2 * width * depth, 3),
-        material="rubber",  # of its feet
+        material="rubber",  # material of the feet
         parts=(
             *visual,
             solid_span((-half_x, half_x), half_y, (0.0, near)),

@@ -13,7 +13,7 @@ from betterbench.sim.assets.procedural.keyboard import draw_keys
 _BASE = 0.014  # height of the lower half
 _LID = 0.006  # thickness of the screen
 _GAP = 0.075  # distance from the side of the laptop to the center of the zone next to it
-_BEHIND = 0.065  # between the back edge of the screen and the center of the zone behind it
+_BEHIND = 0.065  # distance from the back edge of the screen to the center of the zone behind it
 
 
 @generator("laptop", colors=("silver", "black"))
@@ -59,7 +59,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
         tags=("laptop", "notebook", "computer", "desk"),
         traits=("desk",),
         mass_kg=round(30.7 * width * depth, 3),
-        material="rubber",  # of its feet
+        material="rubber",  # material of the feet
         densities=(1.0, 1.1),
         parts=(
             part("base", base, metal, specular=0.4, shininess=0.4),

@@ -23,7 +23,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     """
     dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.012, 0.038))
     half_x, half_y, height = 0.100 + dx, 0.125 + dy, 0.065 + dz
-    opened, depth = math.radians(rng.uniform(117.0, 124.0)), rng.uniform(0.014, 0.018)  # of the lid
+    opened, depth = math.radians(rng.uniform(117.0, 124.0)), rng.uniform(0.014, 0.018)  # angle and depth of the lid
     latches, motif = int(rng.choice([1, 2])), str(rng.choice(["fruit", "stripes", "dots", "star", "plain"]))
     shade = jittered(mixed(PALETTE[color], (1.0, 1.0, 1.0), 0.06), rng)
     lining = mixed(shade, (0.93, 0.93, 0.91), float(rng.choice([0.25, 0.60, 0.90])))

@@ -16,7 +16,7 @@ FLOOR_M = 0.0105
 stacks of equally many plates have the same height.
 
 It is also the height at which the rim of a plate begins. In a stack, the rim of each plate therefore begins above the
-rim of the plate below it. As a result, two plates of any radii stack with room to the sides.
+rim of the plate below it. Plates with any radii can therefore be stacked with clearance at the sides.
 """
 
 RIM_M = 0.0205

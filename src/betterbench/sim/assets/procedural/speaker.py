@@ -7,7 +7,7 @@ from betterbench.sim.assets.authoring import Draft, Turned, generator, grip, par
 from betterbench.sim.assets.authoring.mesh import box
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-_PROUD = 0.0036  # how far a driver sticks out of the front
+_PROUD = 0.0036  # distance by which a driver protrudes from the front [m]
 
 
 @generator("speaker", colors=("black", "gray", "white", "blue"))
@@ -53,7 +53,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
         )
     if baffle != "same":
         plate = span((front - 0.0004, front + 0.0004), 0.5 * width - 0.006, (0.006, height - 0.006))
-        silver = mixed(shade, (0.62, 0.63, 0.65), 0.30 if color == "black" else 1.0)  # a black one stays black
+        silver = mixed(shade, (0.62, 0.63, 0.65), 0.30 if color == "black" else 1.0)  # a black speaker stays black
         visual.append(part("baffle", plate, shaded(shade, 0.40) if baffle == "dark" else silver))
     lamp = box((0.0022, 0.0042, 0.0042), (front, 0.36 * width, 0.94 * height), bevel=0.0006)
     return Draft(

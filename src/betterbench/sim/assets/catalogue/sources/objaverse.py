@@ -158,7 +158,7 @@ def _downloaded() -> Path:
         package.load_annotations()
         package.load_lvis_annotations()
         root = Path(package._VERSIONED_PATH)
-    except Exception as error:  # any error of the package
+    except Exception as error:  # the package may raise any error
         problem = f"its annotations could not be downloaded ({described(error)})"
         raise InvalidInputError(
             NAME, problem, "Check the network connection, or read the files from a folder: objaverse:FOLDER"
