@@ -135,7 +135,7 @@ class OutcomeReader:
 
     Attributes:
         title: Name of the world in messages.
-        twins_elsewhere: Whether the twins of a run's variation trials may come from another run.
+        twins_elsewhere: Whether the training twins of the variation trials may come from another run.
         finds_favorites: Whether the diagnosis looks for the policy's favorite kind of object.
         judges_causes: Whether the diagnosis judges grasps and causes of failures.
         twins_cure: Advice for notes on how to obtain missing twins.

@@ -249,7 +249,7 @@ class _Moment:
 
 
 class _Demonstration:
-    """Episode of the expert that is executed step by step until the arm is at rest."""
+    """Demonstration by the expert. The caller executes it step by step until the arm is at rest."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

@@ -22,7 +22,10 @@ _COMPARED = 400
 """Number of candidates drawn from a theme. The candidate least similar to earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Objects by group, ignoring their order. Near-duplicates have equal keys."""
+"""Object kinds that a goal uses in each object group of the template, without regard to order.
+
+Two scenarios with equal keys are near-duplicates of each other.
+"""
 
 
 @dataclass(frozen=True, slots=True)

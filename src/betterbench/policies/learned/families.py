@@ -127,7 +127,7 @@ def learner(
 
 
 def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
-    """Yield the mistakes in the registration of a family by a user's file, each with a remedy."""
+    """Yield what is wrong with the arguments with which a user file registers a family, each with a remedy."""
     if not isinstance(name, str) or not name or sees not in _SEES:
         yield (
             f"expected a name and sees='objects' or 'pixels', got {name!r} and {sees!r}",

@@ -355,9 +355,9 @@ def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return how badly the markers of a page fit if the page lies in the place of another page.
+    """Return the misfit of the markers under the assumption that two pages of the sheet were swapped.
 
-    The result is the largest distance of a marker corner from its expected position [mm].
+    The misfit is the largest distance of a marker corner from its expected position [mm].
     """
     center, there = (np.array([0.5 * (a.x_low + a.x_high), 0.5 * (a.y_low + a.y_high)]) for a in (tile, place))
     way = -1.0 if turned else 1.0

@@ -170,9 +170,9 @@ def _at_rest(
 ) -> tuple[RawMesh, Solid, Cavity | None, float]:
     """Turn an object to the nearest stable pose, if it is at most ``most`` [rad] away from the current pose.
 
-    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held
-    during the scan, and would otherwise roll in every scene. The search is repeated after each rotation, because the
-    simplified hull of the object then has different corners.
+    Without this rotation, scanned fruit would roll in every scene, because it keeps the pose in which it was held
+    during the scan. If the nearest stable pose is farther away than ``most``, the object is not turned. The search is
+    repeated after each rotation, because the simplified hull of the object then has different corners.
 
     Returns:
         The turned mesh, its solid, its hollow, and the angle by which it was turned [rad].
