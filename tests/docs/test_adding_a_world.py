@@ -15,6 +15,7 @@ from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.records import RunFolder
+from betterbench.report.figures.charts import outcomes_chart
 from betterbench.report.headline import verdict_line
 from betterbench.sim.worlds import PlanRequest, World, world_named
 from betterbench.sim.worlds.bare import BareScene
@@ -72,6 +73,9 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
     assert "The step limit is reached: 5/5 trials of point-left base." in said
     assert "It does not reach the goal before the step limit" in said
     assert not re.search("attempt|grasp|mistake|execution|wrong", said)
+    chart = outcomes_chart([found])
+    assert [name for _, name in chart.key] == ["Right", "Failure, cause not judged", "System failure"]
+    assert not re.search("reasoning|execution", chart.caption, re.IGNORECASE)
     page = (folder / "runs" / "goes" / "report" / "index.html").read_text(encoding="utf-8")
     assert "move the hand to the left" in page
     assert "Point" in page

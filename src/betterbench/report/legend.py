@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.modes import MODES
-from betterbench.diagnosis.verdict import TrialDiagnosis
+from betterbench.diagnosis.verdict import OUTCOME_ALONE, TrialDiagnosis
 from betterbench.tasks import Axis
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
@@ -29,12 +29,35 @@ UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 """Family of planned trials that have not ended. It is only shown if there are such trials."""
 
 
+NOT_JUDGED: dict[str, str] = {"right": "Right", "execution": "Failure, cause not judged", "system": "System failure"}
+"""Families of runs in worlds that judge only the outcome of a trial."""
+
+
+def judges_causes(trials: Iterable[TrialDiagnosis]) -> bool:
+    """Return whether the cause of a failure was judged, or could have been, in any of the trials."""
+    failed = [t for t in trials if t.kind in (Kind.REASONING, Kind.EXECUTION)]
+    return not failed or any(t.evidence.rule != OUTCOME_ALONE for t in failed)
+
+
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
     """Return the families of outcomes, which share a color, and their names for the legend.
 
     The family of unfinished trials is only included if a trial is unfinished.
     """
-    return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
+    listed = list(trials)
+    families = FAMILIES if judges_causes(listed) else NOT_JUDGED
+    return {**families, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in listed) else {})}
+
+
+def modes_of(trials: Iterable[TrialDiagnosis]) -> list[FailureMode]:
+    """Return the failure modes that the page explains.
+
+    If no cause was judged, these are only the modes of the given trials.
+    """
+    listed = list(trials)
+    families, found = families_of(listed), {t.label for t in listed}
+    everything = judges_causes(listed)
+    return [mode for mode in LEGEND.values() if mode.family in families and (everything or mode.label in found)]
 
 
 AXIS_NAMES: dict[str, str] = {

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.figures.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
-from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND, families_of
+from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of, judges_causes
 from betterbench.report.outcomes import task_title
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
@@ -97,28 +97,33 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         ("All variations", lambda t: t.variation is not None),
     ]
     scopes += [(name, lambda t, a=a: t.axis == a) for a, name in AXIS_NAMES.items()]  # type: ignore[misc]
+    trials = [t for d in diagnoses for t in d.trials]
+    families = families_of(trials)
     groups: list[StackGroup] = []
     for title, keep in scopes:
         rows = [
-            Stack(title if len(diagnoses) == 1 else d.policy, _families([t for t in d.trials if keep(t)]))
+            Stack(title if len(diagnoses) == 1 else d.policy, _families([t for t in d.trials if keep(t)], families))
             for d in diagnoses
             if any(map(keep, d.trials))
         ]
         if rows:
             groups.append(StackGroup("" if len(diagnoses) == 1 else title, tuple(rows)))
+    causes = (
+        "Reasoning failure: the policy went for the wrong object. Execution failure: the policy went for the correct "
+        "target at the right time, but the manipulation failed. "
+    )
     return Chart(
         "outcomes",
         "How the trials ended",
-        "Numbers of trials. Reasoning failure: the policy went for the wrong object. Execution failure: the policy "
-        "went for the correct target at the right time, but the manipulation failed. System failure: the policy did "
-        "not run.",
+        f"Numbers of trials. {causes if judges_causes(trials) else ''}System failure: the policy did not run.",
         tuple(groups),
-        key=tuple(families_of(t for d in diagnoses for t in d.trials).items()),
+        key=tuple(families.items()),
     )
 
 
 def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     """Return the chart of the most frequent failure modes in variation trials."""
+    families = families_of(t for d in diagnoses for t in d.trials)
     groups = []
     for d in diagnoses:
         varied = [t for t in d.trials if t.variation is not None]
@@ -135,7 +140,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         "Failure modes",
         "Percentage of all variation trials that ended with each label, with its 95 % interval.",
         tuple(groups),
-        key=tuple((f, n) for f, n in FAMILIES.items() if any(r.style == f for g in groups for r in g.rows)),
+        key=tuple((f, n) for f, n in families.items() if any(r.style == f for g in groups for r in g.rows)),
     )
 
 
@@ -191,9 +196,9 @@ def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str) -> BarGrou
     return BarGroup(title, tuple(rows)) if rows else None
 
 
-def _families(trials: Sequence[TrialDiagnosis]) -> tuple[tuple[str, int], ...]:
+def _families(trials: Sequence[TrialDiagnosis], families: Collection[str]) -> tuple[tuple[str, int], ...]:
     counts = Counter(LEGEND[t.label].family for t in trials)
-    return tuple((family, counts[family]) for family in families_of(trials))
+    return tuple((family, counts[family]) for family in families)
 
 
 def _gap(diagnosis: RunDiagnosis, scope: str) -> Figure:

@@ -12,7 +12,7 @@ from betterbench.errors import printable
 from betterbench.quoting import LONGEST_TEXT
 from betterbench.report.figures.film import film_key
 from betterbench.report.figures.media import NO_MEDIA, Media
-from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
+from betterbench.report.legend import AXIS_NAMES, families_of, modes_of
 
 
 class StringTable:
@@ -43,10 +43,10 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
     """
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
-    kinds = families_of(t for d in diagnoses for t in d.trials)
+    diagnosed = [t for d in diagnoses for t in d.trials]
     return {
-        "labels": {e.label.value: [e.name, e.family, e.definition] for e in LEGEND.values() if e.family in kinds},
-        "kinds": kinds,
+        "labels": {e.label.value: [e.name, e.family, e.definition] for e in modes_of(diagnosed)},
+        "kinds": families_of(diagnosed),
         "axes": AXIS_NAMES,
         "strings": strings.texts,
         "trials": trials,

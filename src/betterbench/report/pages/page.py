@@ -22,7 +22,7 @@ from betterbench.report.figures.media import NO_MEDIA, Media
 from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headline_of
 from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.knowledge import knowledge_view
-from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
+from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of, modes_of
 from betterbench.report.outcomes import is_abroad
 from betterbench.report.pages.cell_pictures import ShownFilm, cell_pictures
 from betterbench.report.pages.listing import listing_of
@@ -212,7 +212,7 @@ def render_page(
         matrices=matrices,
         cell_pictures=cell_pictures(matrices, films, media),
         unfilled=unfilled,
-        legend=[mode for mode in LEGEND.values() if mode.family in families_of(trials)],
+        legend=modes_of(trials),
         labels=LEGEND,
         families=families_of(trials),
         axes=AXIS_NAMES,
