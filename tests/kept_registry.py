@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+
 from betterbench.sim.assets.authoring import registry
 from betterbench.tasks import user_files
 
