@@ -21,7 +21,7 @@ Quadric = list[float]
 _BORDER_WEIGHT = 30.0
 """Weight of the border planes relative to the face planes.
 
-It makes borders move along themselves rather than sideways.
+Because of this high weight, a vertex can move along the border but hardly away from it.
 """
 
 _LEAST_COSINE = 0.35

@@ -15,7 +15,8 @@ from betterbench.sim.robots.jaws import Jaw
 from betterbench.sim.robots.varied import VariedQuantity
 
 Progress = Callable[[str, int, int], None]
-"""Function that is called during long work with the name of the current work, the steps done and the total steps."""
+"""Function that is called during a long task with the name of the task, the number of completed steps and the total
+number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -232,7 +232,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager that replaces regions of all assets built inside it.
+    """Context manager that replaces regions of all assets that are built while it is active.
 
     The new regions are keyed by category and region name.
     """

@@ -92,7 +92,7 @@ def index_sources(
         folder: Folder of the catalogue. It is created if it does not exist.
         sources: Sources to read.
         encoder: Text encoder for semantic search. If None, the catalogue can only be searched by words.
-        on_progress: Called with the progress of the job.
+        on_progress: Callback that receives the progress of the job.
 
     Raises:
         RunConflictError: If another process is indexing into the folder.

@@ -52,7 +52,7 @@ def _generator(path: Path, asset: FolderAsset) -> Generator:
             raise InvalidInputError(str(path), "it is not the file that the manifest lists", CURE)
         return from_bytes(data, str(path)).draft
 
-    make.__qualname__ = f"the asset {path}"  # distinguishes two folders that have the same name
+    make.__qualname__ = f"the asset {path}"  # the name distinguishes assets from two folders with the same name
     return make
 
 

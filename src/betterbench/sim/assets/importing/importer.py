@@ -72,7 +72,8 @@ class Wishes:
         license: License of the mesh.
         source: Where the mesh comes from.
         author: Author of the mesh.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, a movable joint raises an
+            error.
     """
 
     name: str | None = None
@@ -267,7 +268,7 @@ def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Re
     if bottom is not None and bottom[3] > 0.005:
         height, x, y, half = bottom
         found.append(zone("floor", half, half, height, x=x, y=y))
-        if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # a plate: objects are put onto it
+        if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # shallow like a plate
             found.append(zone("top", half, half, height, x=x, y=y))
     found.append(zone("rim", half_x, half_y, cavity.rim_m, x=middle_x, y=middle_y))
     return found

@@ -42,7 +42,7 @@ def read_urdf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
         root: The ``robot`` element of the file.
         files: Resolver for the file's folder.
         where: Name of the file, for messages.
-        freeze: Whether movable joints are fixed at position 0. If False, movable joints are an error.
+        freeze: Whether movable joints are fixed at position 0. If False, a movable joint raises an error.
 
     Raises:
         InvalidInputError: If the file does not describe one rigid body, or has an unsupported part.

@@ -104,7 +104,7 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         middle = root + out * size * t * 0.9 + lift * size * curl * t * t
         reach = side * size * 0.62 * width
         fold = lift * size * 0.22 * (1.0 - t)
-        # A sheet of 0.8 mm, folded along its middle line.
+        # The corner is a sheet 0.8 mm thick that is folded along its middle line.
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
     # A corner reaches at most 2.5 mm beyond the box of the ball.

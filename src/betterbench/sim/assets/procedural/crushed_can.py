@@ -15,7 +15,7 @@ from betterbench.sim.assets.procedural.can import DESIGNS, can_shell, draw_label
 
 _SIDES = 18
 _RADIUS = 0.0300
-_CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
+_CAN = can_shell(_RADIUS, 0.115, 0.0115)  # shape of the can before it was crushed
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +155,6 @@ def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
         points = [(x, y), (x + rng.uniform(-0.02, 0.02), y + rng.uniform(-0.018, 0.018))]
         canvas.line(points, 0.0022, (0.90, 0.91, 0.92), strength=0.85)
         canvas.line([(a + 0.0022, b + 0.0015) for a, b in points], 0.0020, (0.15, 0.04, 0.04), strength=0.45)
-    # The drinking hole, on one side of the lid.
+    # Draw the drinking hole on one side of the lid.
     hole = canvas.between(lid + 0.15 * (end - lid), lid + 0.72 * (end - lid)) & (canvas.x > 0.72 * canvas.width)
     canvas.paint(hole, (0.10, 0.10, 0.11))

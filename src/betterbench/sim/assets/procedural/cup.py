@@ -59,7 +59,8 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
         tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware"),
         mass_kg=round(0.165 * size**2 * height / 0.057, 4),
         material="ceramic",
-        # The loop is mostly air, and the solid foot represents a thin floor.
+        # The densities are low for the loop, which is mostly air, and for the solid foot, which represents a thin
+        # floor.
         densities=(0.4, 0.4, 1.0, 0.35),
         parts=(
             part("shell", shell.mesh().moved(x=axis), glaze, specular=0.5, shininess=0.6),

@@ -47,7 +47,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     canvas = shape.wrap(content)
     canvas.grain(rng, cells=(50, 64), amount=0.30 if color == "black" else 0.03)
     up = canvas.height_on_wall
-    # The thick glass base, the empty neck, and the highlights on its round sides.
+    # Paint the thick glass base, the empty neck, and the highlights on the round sides.
     glass = mixed((0.66, 0.73, 0.73), content, 0.45)
     canvas.paint((up < 0.003) | (up > shape.body - 0.0015), glass)
     for share, thick, strength in ((0.10, 0.0012, 0.40), (0.88, 0.0008, 0.30)):

@@ -236,8 +236,8 @@ _MOVING_PAD = Shape("box", (-0.0073, -0.0562, 0.0189), (0.003, 0.0262, 0.006), t
 _TOOL_X, _TOOL_Z = 0.0165, -0.094
 """Position of the tool center point in the gripper's frame [m].
 
-It is 10 mm from the tip of the fixed jaw and 26 mm from its face, so that a fruit of 52 mm between the jaws is centered
-on it.
+The point is 10 mm from the tip of the fixed jaw and 26 mm from that jaw's face, so that a fruit 52 mm wide between the
+jaws is centered on the point.
 """
 _FACE_X = -0.0094
 """Position of the fixed pad's face at the height of the tool center point, in the gripper's frame [m]."""
@@ -312,10 +312,11 @@ SO101 = RobotSpec(
         (1.0, 0.0, 0.0, 0.0, 2.5),
         (-1.0, 0.0, 0.0, 0.0, 2.5),
     ),
-    # TheRobotStudio's camera mount for a 32 x 32 mm module. With the field of view of MuJoCo Menagerie (48.5 degrees),
-    # only the fixed jaw would be in the image. With the usual wide lens, both jaws are.
+    # The pose is that of TheRobotStudio's camera mount for a 32 x 32 mm module. With the field of view of MuJoCo
+    # Menagerie (48.5 degrees), only the fixed jaw would be in the image. With the usual wide lens, both jaws are
+    # visible.
     wrist_camera=CameraMount((0.0, 0.055, -0.045), (0.0, 0.01722, -0.10393), (0.0, 1.0, 0.0), 70.0),
-    # Like a camera on a stand in front of the arm, as in LeRobot's kits.
+    # The camera is placed as on a stand in front of the arm, as in LeRobot's kits.
     front_camera=CameraMount((0.72, 0.0, 0.46), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 52.0),
     workspace=Workspace(
         carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19),

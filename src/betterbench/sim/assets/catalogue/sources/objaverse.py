@@ -24,7 +24,8 @@ from betterbench.sim.assets.licenses import license_name
 
 NAME = "objaverse"
 MAX_JSON_BYTES = 512 << 20
-"""Maximum size of an unpacked annotation file [byte]. The real files have about 30 MB, object-paths.json.gz 80 MB."""
+"""Maximum size of an unpacked annotation file [byte]. The published files have about 30 MB, except
+``object-paths.json.gz``, which has 80 MB."""
 _CURE = "Download it again with the package objaverse"
 _LONGEST = 600
 """Maximum length of a stored description [characters]."""
