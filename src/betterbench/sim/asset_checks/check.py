@@ -16,7 +16,7 @@ MEASURED_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding of a check on one asset.
+    """Finding of one check about an asset.
 
     Attributes:
         measured: Measured value, or None if the check does not measure a value.

@@ -52,8 +52,8 @@ TILT_DEGREES = 20.0
 """Maximum angle by which an object may tip from its upright pose before it is at rest, as in the importer. Fruit rolls
 by 5 to 13 degrees (measured), and an object that topples tips by 60 degrees or more."""
 STANDING_TILT_DEGREES = MOST_STANDING_LEAN_DEGREES
-"""Maximum angle by which an object of a kind that stands may tip. Kinds that are tall, round or open at the top stand.
-A mug on a spike of 15 mm leans by 14 degrees. The importer turns objects of these kinds by at most the same angle."""
+"""Maximum angle by which an object may tip if its kind stands. A kind stands if it is tall, round or open at the top. A
+mug on a spike of 15 mm leans by 14 degrees. The importer turns objects of these kinds by at most the same angle."""
 ROUND_SHARE, ROUND_TILT_DEGREES = 0.75, 60.0
 """Ratio of the shortest to the longest side above which an object counts as a ball, and the maximum angle by which a
 ball may roll before it is at rest."""
@@ -92,8 +92,8 @@ LEAST_THICK_M = 0.008
 """Minimum thickness of an object that can be grasped from a table. With flatter objects, the pads touch the table
 first. Objects of 6 mm always failed, and objects of 10 mm always succeeded."""
 LIFT_M, HOLD_S, CARRY_M = 0.15, 1.0, 0.20
-"""Height by which a grasp trial lifts an object [m], time for which it holds it [s], and distance over which it carries
-it [m]."""
+"""Height to which a grasp trial lifts an object [m], how long it holds the object there [s], and how far it then
+carries the object [m]."""
 LIFT_SPEED, CARRY_SPEED = 0.15, 0.20
 """Speed of the gripper while it lifts an object and while it carries it [m/s]. The experts carry objects at 0.15
 m/s."""

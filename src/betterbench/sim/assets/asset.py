@@ -1,4 +1,4 @@
-"""The class Asset. It describes one 3-D object for scenes, experts and predicates."""
+"""Class ``Asset``, which describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping

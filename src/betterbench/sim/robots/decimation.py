@@ -25,7 +25,7 @@ Because of this high weight, a vertex can move along the border but hardly away 
 """
 
 _LEAST_COSINE = 0.35
-"""Cosine of the largest rotation of a triangle that one collapse may cause, about 70 degrees."""
+"""Cosine of the largest angle by which one collapse may rotate a triangle, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
 """Minimum shape quality of a triangle.

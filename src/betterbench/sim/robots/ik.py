@@ -431,7 +431,7 @@ class _FrameProblem:
 
 @contextmanager
 def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
-    """Context manager in which importing the module ``name`` gives a stand-in.
+    """Context manager in which an import of the module ``name`` returns a stand-in.
 
     The stand-in loads the module when it is first used.
 

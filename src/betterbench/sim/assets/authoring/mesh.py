@@ -232,8 +232,8 @@ def loft(
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
     """Return texture coordinates that rise from 0 to 1 along one half of a ring, and fall back to 0 along the other.
 
-    A print painted for half of the circumference then appears on both halves, and there is no visible seam. The number
-    of points ``n`` must be even.
+    A print that is painted on one half of the circumference then appears on both halves, without a visible seam. The
+    number of points ``n`` must be even.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)

@@ -27,7 +27,7 @@ class CatalogueEntry:
         faces: Number of triangles. None if unknown.
         license: Name of the license. Empty if unknown.
         author: Author of the asset.
-        variants: Number of variants that the source can generate of the object, or 1 for a file.
+        variants: Number of variants of a generated object, or 1 for an object in a file.
     """
 
     id: str

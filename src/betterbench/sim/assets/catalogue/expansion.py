@@ -47,7 +47,7 @@ contraption device equipment gadget implement instrument item object one piece s
 _GENERIC = frozenset(_GENERIC_NAMES.split())
 """Nouns that do not name an object if they are followed by the object's use: "thing to eat soup with"."""
 _STARTS_A_USE = frozenset(["for", "to", "that", "which", "you", "i", "we", "people", "used"])
-"""Words that connect such a noun with the use of the object."""
+"""Words that connect a general noun with the use of the object: "to" in "thing to eat soup with"."""
 _BY_PREPOSITION = {
     "with": "tool",
     "using": "tool",
@@ -94,7 +94,7 @@ _SYNONYM, _KIND = 0.95, 0.8
 
 Expander = Callable[[str], Sequence[str]]
 """Function that returns alternative descriptions of the same object, for example written by a language model. Each
-description is searched for, like the query."""
+description is searched for in the same way as the query."""
 
 
 @dataclass(frozen=True, slots=True)

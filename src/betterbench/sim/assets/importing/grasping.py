@@ -26,7 +26,7 @@ LOWEST_M = 0.010
 _STEP_M = 0.002
 _YAWS = 12
 _FAR = 1000
-"""Number of free grid squares that is assumed next to the outermost part of an object."""
+"""Number of free grid squares that are assumed next to the outermost part of an object."""
 _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
 """Minimum height of a pad's contact area [m], and the height of an object above which this minimum applies [m]."""

@@ -189,7 +189,7 @@ def _directions() -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """Part of an object that surrounds its hollow, without attachments such as handles and spouts.
+    """The part of an object around its hollow, without attachments such as handles and spouts.
 
     Attributes:
         near: (nx, ny) columns of the hollow and of the wall around it.

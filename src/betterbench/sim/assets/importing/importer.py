@@ -32,12 +32,12 @@ from betterbench.tasks.words import with_article
 DENSITY = 500.0
 """Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
 _MOSTLY = 0.5
-"""Fraction of an image that shows back-facing surface above which a mesh counts as inside out rather than open."""
+"""If back-facing surface covers more than this fraction of an image, the mesh counts as inside out rather than open."""
 _DENSEST = 7000.0
 """Maximum density of an object that gets the usual mass of its kind [kg/m^3]. It is lower than that of steel (7,900),
 because the cells overestimate the volume of thin walls."""
 _LEAST_TOP_M = 0.010
-"""Minimum half side of a level surface that can carry another object [m]."""
+"""Half the minimum side length of a level surface that can carry another object [m]."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _FRICTION = (0.6, 0.006, 0.0008)
 """Friction of glazed ceramic, painted metal and hard plastic; see the materials of the library."""

@@ -22,7 +22,7 @@ _CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
 """Maximum distance between stated collision shapes and the visible surface: the larger of a length [m] and a fraction
 of the object's longest side."""
 _MOST_FILLED = 0.02
-"""Fraction of a hollow that stated collision shapes may fill."""
+"""Maximum fraction of a hollow that stated collision shapes may fill."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -126,7 +126,7 @@ class _Reader:
         roots = [name for name in links if name not in above]
         if len(roots) != 1:
             found = (
-                "its joints form a ring"
+                "its joints form a closed loop"
                 if not roots
                 else (f"its links {roots[0]!r} and {roots[1]!r} are not connected by a joint")
             )
@@ -137,7 +137,7 @@ class _Reader:
             while name not in poses:
                 chain.append(above[name])
                 if len(chain) > len(links):
-                    raise self._wrong("its joints form a ring")
+                    raise self._wrong("its joints form a closed loop")
                 name = above[name].parent  # noqa: PLW2901 - the way up
             for joint in reversed(chain):
                 poses[joint.child] = poses[joint.parent] @ joint.origin

@@ -105,8 +105,8 @@ def _piece(
         reach: Half the width of the part of the head that touches the table [m].
         head_end: Position along x at which the head stops touching the table [m].
         sizes: Parameters of the head, which are stored in the asset.
-        rim: Collision shape of the raised part of the head, if it is wider than the part that touches the table.
-            Otherwise None.
+        rim: Collision shape of the raised part of the head. None if this part is not wider than the part that touches
+            the table.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]

@@ -95,7 +95,8 @@ def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: st
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height
     shoulder, cavity = solid.rows[8], solid.rows[9]
     if color == "red":
-        # Streaks from pole to pole, in which the paler color below shows through, mostly on the side away from the sun.
+        # Draw streaks from pole to pole, in which the paler color below shows through, mostly on the side away from the
+        # sun.
         shadow = np.clip(1.3 * np.abs(x[0] / width - 0.62) - 0.12, 0.0, 1.0) * blush
         weight = np.clip(0.15 + shadow, 0.0, 0.6)
         for _ in range(46):

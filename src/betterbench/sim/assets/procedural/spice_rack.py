@@ -95,7 +95,7 @@ def _corner(center: float, angle: float) -> CollisionPart:
 
     The hole is centered at y = ``center``, and the corner is in the direction ``angle`` [rad].
     """
-    depth = 0.0049  # half the depth; the box reaches the corner of the square, 0.41 apothems behind its side
+    depth = 0.0049  # half the depth of the box, which reaches into the corner of the square
     away, half = _APOTHEM + depth, (depth, _APOTHEM * math.tan(math.pi / 8.0), 0.5 * _DEPTH)
     middle = (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH)
     return CollisionPart("box", half, middle, from_yaw(angle))

@@ -51,7 +51,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     else:
         seen += [part("bin", _squared(shell.mesh(), corner), picture, specular=0.25)]
     inner_low = foot - _WALL
-    # The widest upright box from floor to rim that fits between the walls at the floor.
+    # The inside is the widest upright box from floor to rim that fits between the walls at the floor.
     inside, half = 0.5 * (height - _FLOOR), (0.92 if square else 0.78) * inner_low
     shape = "square" if square else "round"
     top = rim - 0.003
@@ -74,7 +74,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return one factor per side of a round body. Multiplying the radius by them makes the body a rounded square."""
+    """Return one factor per side by which the radius of a round body is multiplied to make it a rounded square."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share

@@ -244,7 +244,7 @@ _FACE_X = -0.0094
 
 _JAW_LOW, _JAW_HIGH = -0.174533, 1.745329
 _LEVEL_X, _LEVEL_Y = -0.0114, -0.0706
-"""Point of the moving pad's face that is level with the tool center point at zero angle, in the jaw's frame [m]."""
+"""Point on the moving pad's face that is level with the tool center point at zero angle, in the jaw's frame [m]."""
 
 _ARM = SO101_MOTORS[:-1]
 _OPENING_M = 0.085

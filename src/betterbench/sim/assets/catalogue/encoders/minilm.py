@@ -197,7 +197,7 @@ def find_files() -> tuple[Path, Path] | None:
 def _open(target: str) -> MiniLm:
     if target:
         raise InvalidInputError(
-            "encoder", f"{NAME} does not take a model name, got {target!r}", f"Use the name {NAME} alone"
+            "encoder", f"{NAME} does not take a model name, got {target!r}", f"Use only the name {NAME}"
         )
     files = find_files()
     if files is None:

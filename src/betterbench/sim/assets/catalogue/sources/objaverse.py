@@ -61,7 +61,7 @@ class _Objaverse:
                 yield SourceItem(f"{NAME}/{uid}", mark, _reader(uid, annotation, categories.get(uid, ""), file))
 
     def _local_file(self, told: object) -> Path | None:
-        """Return the path of a model's mesh if it has been downloaded into the folder, and otherwise None."""
+        """Return the path of a model's mesh in the folder, or None if the mesh has not been downloaded."""
         if not isinstance(told, str) or "\0" in told:
             return None
         file = self.root / told
