@@ -54,7 +54,7 @@ def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple
 def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
     """Split vertices at which faces meet at an angle larger than ``degrees``.
 
-    A renderer that averages the normals of the faces around a vertex then draws edges sharp and round surfaces smooth.
+    A renderer that averages the normals of the faces around a vertex then draws sharp edges and smooth round surfaces.
     """
     a, b, c = vertices[faces].swapaxes(0, 1)
     normals = np.cross(b - a, c - a)

@@ -102,7 +102,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     a, b, c = vertices[faces].transpose(1, 2, 0)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-    # ten times as fast as numpy.cross for a hundred triangles, with bit-identical results
+    # # This is ten times as fast as numpy.cross for a hundred triangles and gives bit-identical results.
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=-1)
 
 

@@ -260,7 +260,7 @@ def scattered(
             yield x, y
 
 
-# colors by common color words, chosen to be distinguishable under the lighting of the scenes
+# # Colors of common color words. They are chosen to be distinguishable under the lighting of the scenes.
 PALETTE: dict[str, Rgb] = {
     "red": (0.78, 0.07, 0.07),
     "blue": (0.08, 0.22, 0.68),

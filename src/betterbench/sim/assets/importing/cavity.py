@@ -15,7 +15,7 @@ from betterbench.sim.assets.importing.solid import Solid
 
 _LEAST_DEPTH_M = 0.004
 _LEAST_DEPTH_SHARE = 0.12
-"""Minimum depth of a hollow, as a fraction of the object's height. Shallower hollows are dents."""
+"""Minimum depth of a hollow, as a fraction of the object's height. Shallower hollows count as dents."""
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12

@@ -107,7 +107,7 @@ def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     top = Turned(radii, (*low, *high, height - 0.0004, height), 18, 55.0, wrap=False)
     canvas = body.canvas(shade, (128, 128))
     canvas.brighten(0.94 if color == "white" else 0.84, body.rows[4])
-    # An S for salt on each half of the body.
+    # Draw an S for salt on each half of the body.
     middle = (0.5 * canvas.width, body.rows[2] + 0.46 * shoulder)
     write_word(canvas, "S", middle, height=0.027, ink=(0.12, 0.14, 0.20), weight=0.19)
     picture = Canvas(2.0, 2.0, (96, 96), (0.60, 0.61, 0.64))

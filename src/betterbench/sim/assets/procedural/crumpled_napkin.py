@@ -117,7 +117,7 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
     """Return the mesh of the ball. It has flat areas between sharp folds, deep creases, and tips that stick out."""
     directions, faces = _sphere(5)
     n = len(directions)
-    # Flat areas: the ball is cut off by randomly placed planes.
+    # Randomly placed planes cut off parts of the ball, which leaves flat areas.
     planes = rng.standard_normal((16, 3))
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = rng.uniform(0.84, 1.0, 16)

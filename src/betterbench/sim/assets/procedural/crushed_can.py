@@ -111,8 +111,8 @@ def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
     """
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
-    # Each station has a radius [m], a fraction of the length, and a texture row. They run from the bottom to the lid,
-    # which is pushed in.
+    # Each station has a radius [m], a fraction of the length, and a texture row. The stations run from the bottom to
+    # the lid, which is pushed in.
     stations = [(0.0, 0.03, 0.0), (0.75 * _RADIUS, 0.0, rows[1])]
     stations += [(r, 0.07 + 0.80 * t, row) for r, t, row in body]
     stations += [(0.83 * _RADIUS, 0.985, rows[4]), (0.79 * _RADIUS, 1.0, rows[6]), (0.73 * _RADIUS, 0.955, rows[7])]

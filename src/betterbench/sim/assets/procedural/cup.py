@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.solids import foot_square, solid_box, stan
 _WALL, _COLORS = 0.0028, ("blue", "red", "white", "yellow")
 _BANDS = {"band": ((0.50, 0.78),), "rim": ((0.86, 2.0),), "stripes": ((0.30, 0.42), (0.58, 0.70))}
 _FORMS = {
-    # Fractions of the radius at four fractions of the height.
+    # # Radii of the cup at four heights, as fractions of the largest radius.
     "flared": (0.66, 0.80, 0.91, 1.0),
     "round": (0.80, 0.94, 0.985, 1.0),
     "tulip": (0.84, 0.95, 0.945, 1.0),

@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, merge, prism, s
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.sim.assets.authoring.solids import foot_square, solid_box, spheroid
 
-# Color of the skin, and of the skin around the stalk, which the sun does not reach.
+# Colors of the skin and of the area around the stalk, which the sun does not reach.
 _APPLES: dict[str, tuple[Rgb, Rgb]] = {
     "red": ((0.70, 0.055, 0.06), (0.80, 0.52, 0.16)),
     "green": ((0.42, 0.62, 0.11), (0.52, 0.60, 0.20)),

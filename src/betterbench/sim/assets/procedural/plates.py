@@ -178,8 +178,8 @@ class _Glaze:
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng
-        # The decoration of white tableware is gray, sand or brown, which are not colors of plates in the suite. That
-        # of other tableware is a pale tint.
+        # The decoration of white tableware is gray, sand or brown, which are not colors of plates in the suite. The
+        # decoration of other tableware is a pale tint.
         inks = ((0.42, 0.43, 0.45), (0.66, 0.55, 0.36), (0.40, 0.27, 0.17))
         chosen = inks[int(rng.integers(3))]
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)

@@ -158,8 +158,7 @@ def _digits(plate: Rgb, ink: Rgb) -> Canvas:
     """Draw the three digits side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
-        # The digit is drawn with the proportions of the plates on the front and on the top, which show the same
-        # texture.
+        # The plates on the front and on the top show the same texture, and the digit has the same width on both.
         write_word(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
     return canvas
 

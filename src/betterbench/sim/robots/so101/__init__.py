@@ -344,7 +344,7 @@ SO101 = RobotSpec(
             "1.3 degrees (Robonine, Backlash Compensation in STS3215 Servo Actuators)",
         ),
     ),
-    # Near its base, the arm folds until the wrist camera, or the gripper, is at the first link.
+    # Near its base, the arm folds so far that the wrist camera or the gripper comes close to the first link.
     kept_apart=(("camera", "base"), ("camera", "shoulder"), ("gripper", "shoulder"), ("moving_jaw", "shoulder")),
 )
 
@@ -401,7 +401,7 @@ def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
     gripper.add_site(
         name=SO101.tcp_site, pos=(_TOOL_X, 0.0, _TOOL_Z), quat=(0.0, half, half, 0.0), size=(0.004,) * 3, group=4
     )
-    fixed = gripper.add_body(name="fixed_jaw")  # a separate body, so that contacts distinguish jaw and palm
+    fixed = gripper.add_body(name="fixed_jaw")  # own body, so that its contacts differ from those of the palm
     for number, shape in enumerate(_FIXED_JAW_SHAPES):
         add_shape(fixed, shape, f"fixed_jaw_collision{number}")
     moving = add_link(gripper, _MOVING_JAW)
