@@ -49,7 +49,7 @@ class OnProgress(Protocol):
     """Callback that reports the progress of the indexing job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report the name of the current stage, how many items are done, and their total number (0 if unknown)."""
+        """Report the name of the current stage, the number of processed items and the total number (0 if unknown)."""
 
 
 @dataclass(slots=True)
