@@ -16,7 +16,7 @@ MEASURED_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding of a check on one asset.
+    """Finding of one check about an asset.
 
     Attributes:
         measured: Measured value, or None if the check does not measure a value.
@@ -61,7 +61,7 @@ def check_names() -> tuple[str, ...]:
 def run_check(name: str, subject: Subject) -> CheckResult:
     """Run the check with the given name. If the asset cannot be measured, it fails the check."""
     try:
-        with np.errstate(all="ignore"):  # a number that is not finite fails its check
+        with np.errstate(all="ignore"):  # a value that is not finite fails the check
             found = _CHECKS[name](subject)
     except Exception as error:  # noqa: BLE001 - geometry and MuJoCo raise many kinds for a broken asset
         said = f"it cannot be measured ({type(error).__name__}: {one_line(error, most=120)})"

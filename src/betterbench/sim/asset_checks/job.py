@@ -36,7 +36,7 @@ class Target:
         file: Mesh file, or None for a registered asset.
         wishes: Import options for a mesh file. The option ``name`` also determines the kind of a registered asset.
         color: Color word. If None, a registered asset has its default color.
-        look: Number of the variant of a registered asset.
+        look: Variant number of a registered asset.
     """
 
     name: str

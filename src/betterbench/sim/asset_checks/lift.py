@@ -17,9 +17,9 @@ from betterbench.sim.scenes import add_asset
 from betterbench.sim.scenes.gripper_bench import GripperBench, table_model
 
 _CLOSE_S = 0.9
-"""Time for the gripper to close from fully open onto the thinnest object, at 0.1 m/s, and to build up force [s]."""
+"""Time for the gripper to close at 0.1 m/s from fully open onto the thinnest object, and to build up force [s]."""
 _APPROACH_M = 0.10
-"""Distance over which the open jaw approaches before it closes [m]. The approach reveals obstructed grasps."""
+"""Distance that the open jaw moves toward the object before it closes [m]. This motion reveals obstructed grasps."""
 _APPROACH_SPEED = 0.12
 _TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012

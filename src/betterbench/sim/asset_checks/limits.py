@@ -9,13 +9,14 @@ from betterbench.sim.assets.importing.upright import MOST_STANDING_LEAN_DEGREES
 
 # ---------------------------------------------------------------------------------------------------------------- size
 SIZE_FACTOR = 1.05
-"""Allowed excess over the usual sizes of a kind, since the table of kinds is rounded to whole centimeters."""
+"""Factor by which a size may be outside the usual range of its kind, because the table of kinds is rounded to whole
+centimeters."""
 LEAST_M, MOST_M = 0.01, 0.6
-"""Range for the longest side of an object of unknown kind [m], as in the importer: it fits on a table and is visible to
-a camera."""
+"""Allowed range for the longest side of an object of unknown kind [m], as in the importer. An object in this range fits
+on a table and is visible to a camera."""
 MASS_FACTOR = 8.0
-"""Allowed ratio to the usual mass of a kind at this size, in either direction. The masses of an empty and a full can
-differ by a factor of 20, those of other kinds by 4."""
+"""Factor by which a mass may differ from the usual mass of its kind and size, in either direction. A full beverage can
+is 20 times as heavy as an empty one. The masses of other kinds vary by a factor of 4."""
 LEAST_DENSITY, MOST_DENSITY = 15.0, 9000.0
 """Mass per volume of the visible solid [kg/m^3]: polystyrene foam has 15 to 30, brass 8,500."""
 
@@ -29,10 +30,11 @@ NECK_AREA_SHARE, NECK_DEPTH_SHARE = 0.1, 0.5
 footprint and height."""
 ROUND_RATIO, LYING_RATIO = 1.06, 1.12
 """An object is round about an axis if its largest width across the axis is at most the first number times its smallest.
-It lies on its side if this ratio about the vertical axis exceeds the ratio about a horizontal axis by more than the
-second number as a factor. The ratio of a square is 1.41."""
+It lies on its side if its ratio about the vertical axis is more than the second number times its ratio about a
+horizontal axis. A square has a ratio of 1.41."""
 FOOTING_RATIO = 1.6
-"""If an object of a standing kind would be more stable upside down by more than this factor, it is upside down."""
+"""An object of a kind that stands counts as upside down if it would be more stable the other way up by more than this
+factor."""
 END_SHARE, END_AREA_RATIO = 0.15, 1.3
 """Height of each end of an object, as a fraction of the object's height, and, for kinds with a narrow top, the maximum
 ratio between the cross-sections of the upper and the lower end. A jam jar with a wide lid and a beveled base has a
@@ -40,24 +42,24 @@ ratio of 1.14. A jar that stands on its lid, which is a fifth narrower than its 
 
 # ------------------------------------------------------------------------------------------------------------- at rest
 SETTLE_S, WATCH_S = 4.0, 1.5
-"""Time that an object has to settle after it is released 1 mm above the table, and the time after that during which it
-must be at rest [s]."""
+"""Time in which an object settles after it is released 1 mm above the table, and the following time in which it must
+stay at rest [s]."""
 DROP_M = 0.001
 DRIFT_MM = 1.0
 """Maximum displacement of the center of mass while the object must be at rest. A stack of good assets moves 0.03 mm in
 5 s (measured)."""
 TILT_DEGREES = 20.0
-"""Maximum angle by which an object tips from its upright pose until it is at rest, as in the importer. Fruit rolls by 5
-to 13 degrees (measured), and an object that topples tips by 60 degrees or more."""
+"""Maximum angle by which an object may tip from its upright pose before it is at rest, as in the importer. Fruit rolls
+by 5 to 13 degrees (measured), and an object that topples tips by 60 degrees or more."""
 STANDING_TILT_DEGREES = MOST_STANDING_LEAN_DEGREES
-"""Maximum angle by which an object tips if its kind stands, i.e. is tall, round or open at the top. A mug on a spike of
-15 mm leans by 14 degrees. The importer turns objects of these kinds by at most the same angle."""
+"""Maximum angle by which an object may tip if its kind stands. A kind stands if it is tall, round or open at the top. A
+mug on a spike of 15 mm leans by 14 degrees. The importer turns objects of these kinds by at most the same angle."""
 ROUND_SHARE, ROUND_TILT_DEGREES = 0.75, 60.0
 """Ratio of the shortest to the longest side above which an object counts as a ball, and the maximum angle by which a
 ball may roll before it is at rest."""
 JITTER_MM_S = 5.0
 """Maximum root mean square speed of the surface while the object must be at rest. Success checks accept 20 mm/s as
-rest, and a good rod on a faceted side rocks at 2.2 mm/s (measured)."""
+rest. A good rod that lies on one of its facets rocks at 2.2 mm/s (measured)."""
 SINK_MM = 3.0
 """Maximum distance of the lowest visible point above or below the table surface."""
 
@@ -70,35 +72,39 @@ BALL_DENSITY = 1000.0
 BALL_FREE_M = 0.005
 """Height of the ball above the rim at its release [m]."""
 BALL_DEPTH_SHARE = 0.45
-"""Maximum height of the resting ball above the floor, as a fraction of the container's depth. On a closed opening, the
-ball would rest at a fraction of 1."""
+"""Maximum height of the resting ball above the floor, as a fraction of the container's depth. If the opening were
+closed, the ball would rest on it, at a fraction of 1."""
 BALL_BELOW_M = 0.004
 """Maximum depth of the ball below the visible floor [m]. A deeper ball has fallen through."""
 BLOCK_M, BLOCK_KG = 0.015, 0.05
-"""Half side [m] and mass [kg] of the block that a support must carry."""
+"""Half the side length [m] and mass [kg] of the block that a support must carry."""
 CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
 """Maximum displacement and rotation of the block on the support within two seconds."""
 
 # ---------------------------------------------------------------------------------------------------------------- lift
 PAYLOAD_KG = 2.27
-"""Franka's payload of 3 kg (data sheet of the Emika Panda) minus the gripper's 0.73 kg."""
+"""Maximum mass that the gripper can lift. The Franka Emika Panda has a payload of 3 kg (data sheet), and its gripper
+weighs 0.73 kg."""
 GRASP_TOLERANCE_MM = 6.0
-"""How much the measured opening may exceed the stated opening: by two cells of a 20 cm solid."""
+"""Maximum amount by which the measured opening may exceed the stated opening. It is the size of two grid cells for an
+object 20 cm long."""
 LEAST_THICK_M = 0.008
 """Minimum thickness of an object that can be grasped from a table. With flatter objects, the pads touch the table
 first. Objects of 6 mm always failed, and objects of 10 mm always succeeded."""
 LIFT_M, HOLD_S, CARRY_M = 0.15, 1.0, 0.20
-"""Height by which a grasp trial lifts an object [m], time for which it holds it [s], and distance over which it carries
-it [m]."""
+"""Height to which a grasp trial lifts an object [m], how long it holds the object there [s], and how far it then
+carries the object [m]."""
 LIFT_SPEED, CARRY_SPEED = 0.15, 0.20
-"""Speed of the gripper [m/s]. The experts carry objects at 0.15 m/s."""
+"""Speed of the gripper while it lifts an object and while it carries it [m/s]. The experts carry objects at 0.15
+m/s."""
 SLIP_MM = 15.0
 """Maximum displacement of the object relative to the closed gripper until the end of the trial."""
 SWING_DEGREES = 45.0
 """Maximum rotation of the object relative to the gripper. Plates and bowls that are held at the rim tilt by 22 to 39
 degrees and can be carried. Objects that are too heavy rotate by 75 degrees (measured)."""
 GRASPS_TRIED = 4
-"""Number of grasps to try, by preference. One success is enough, because experts try the next grasp after a failure."""
+"""Maximum number of grasps to try, in order of preference. One success is enough, because experts try the next grasp
+after a failure."""
 
 # ------------------------------------------------------------------------------------------------------ mass and shape
 INERTIA_FACTOR = 3.0
@@ -110,21 +116,21 @@ CENTER_DEPTH_MM = 0.0
 """Minimum depth of the center of mass inside the convex hull of the visual shape."""
 OUTSIDE_MM, OUTSIDE_SHARE = 6.0, 0.12
 """Maximum distance of the collision shape from the visual shape, for 95 % of the points: the larger of a length and a
-fraction of the middle side. A fraction of the longest side would allow a 28 cm bottle to be 25 mm too thick. The V-HACD
-decomposition of a scan has a distance of 3 to 5 mm (measured)."""
+fraction of the object's second-longest side. A fraction of the longest side would allow a 28 cm bottle to be 25 mm too
+thick. The V-HACD decomposition of a scan has a distance of 3 to 5 mm (measured)."""
 INSIDE_MM, INSIDE_SHARE = 4.0, 0.08
 """Maximum distance of the visual shape from the collision shape, for 95 % of the points: the larger of a length and a
-fraction of the middle side."""
+fraction of the object's second-longest side."""
 BARE_SHARE = 0.012
-"""Maximum size of a connected patch of visible surface that is farther than this distance from the collision shape. The
-size is the volume of the patch's convex hull, as a fraction of that of the whole object. A mug handle without collision
-parts has 2.2 to 3 %. In the procedural library, the straw of the drink cup, which has no collision parts, has 0.6 %,
-and the dents of a crushed can have 0.4 %. All good imported assets have 0 (measured)."""
+"""Maximum size of a connected patch of visible surface that is farther from the collision shape than the limits above
+allow. The size is the volume of the patch's convex hull, as a fraction of that of the whole object. A mug handle
+without collision parts has 2.2 to 3 %. In the procedural library, the straw of the drink cup, which has no collision
+parts, has 0.6 %, and the dents of a crushed can have 0.4 %. All good imported assets have 0 (measured)."""
 OPENING_SHARE = 0.60
 """Minimum fraction of the visible hollow's volume that the collision parts must leave free."""
 GAP_MM, GAP_SHARE = 4.0, 0.04
-"""Maximum gap between visible parts: the larger of a length and a fraction of the longest side. Kenney's models have
-gaps of up to 3 % (measured)."""
+"""Maximum gap between visible parts: the larger of a length and a fraction of the longest side. The models of the
+Kenney asset packs have gaps of up to 3 % (measured)."""
 
 # ---------------------------------------------------------------------------------------------------------------- look
 BEHIND_SHARE = 0.06
@@ -141,7 +147,7 @@ LEAST_ALPHA = 0.05
 
 # --------------------------------------------------------------------------------------------------- uses of the kinds
 ROUND_KINDS = frozenset(kind.name for kind in kinds() if kind.is_tall or kind.is_round)
-"""Kinds that are often round about the vertical, but never about a horizontal axis."""
+"""Kinds that are often round about the vertical axis, but never about a horizontal axis."""
 FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 """Kinds that stand on their broader end."""
 NARROW_TOP_KINDS = frozenset({"bottle", "jar", "pepper mill", "shaker", "burger", "lid", "tajine", "pumpkin"})

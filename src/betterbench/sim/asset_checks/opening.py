@@ -12,7 +12,8 @@ from betterbench.sim.assets.importing.solid import Solid
 from betterbench.sim.robots.spec import robot
 
 _NEAR_M = 0.004
-"""Maximum distance of the grasped part from the region between the fingers that the stated width defines [m]."""
+"""The stated width of a grasp defines a region between the fingers. This is the maximum distance of the grasped part
+from this region [m]."""
 
 
 def gripper_opening_m(name: str = USUAL_ROBOT) -> float:

@@ -45,8 +45,8 @@ class AssetCertificate:
         source: Where the asset comes from.
         license: License of the asset.
         checks: One result for each registered check, in order.
-        refused: Error message if the import failed, and otherwise None. If the import failed, there are no check
-            results.
+        refused: Error message of a failed import, or None if the import succeeded. After a failed import, there are no
+            check results.
     """
 
     asset: str

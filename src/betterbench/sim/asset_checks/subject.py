@@ -50,7 +50,7 @@ class Subject:
 
     @functools.cached_property
     def solid(self) -> Solid:
-        """Cells that are occupied by the volume inside the visible surface."""
+        """Grid cells inside the visible surface."""
         return solid_of(*self.surface)
 
     @functools.cached_property

@@ -15,8 +15,8 @@ from betterbench.sim.assets.importing.importer import Imported
 _ENOUGH = 4
 """Number of successful grasps after which testing stops. Experts try the next grasp after a failure."""
 _SLIP_STEP_MM, _SWING_STEP_DEGREES = 3.0, 10.0
-"""Steps to which slip and swing are rounded down when grasps are ordered. Grasps in the same step keep the order in
-which they were proposed."""
+"""Step sizes for slip and swing, which are rounded down to whole steps when grasps are sorted. Grasps with equal values
+keep the order in which they were proposed."""
 
 
 def import_for_parent() -> None:

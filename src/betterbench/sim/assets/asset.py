@@ -1,4 +1,4 @@
-"""The class Asset. It describes one 3-D object for scenes, experts and predicates."""
+"""Class ``Asset``, which describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -107,7 +107,7 @@ class Asset:
 
     Attributes:
         category: Kind of object, such as "mug".
-        look: Number of the variant that the generator made.
+        look: Variant number of the asset within its category.
         color: Color word.
         shape: Coarse word for the shape: "round", "cylinder", "box" or "irregular".
         description: One sentence of free text, used for retrieval.
@@ -116,9 +116,9 @@ class Asset:
         inertia: Inertia about the center of mass, along the axes of the object's frame (ixx, iyy, izz, ixy, ixz, iyz)
             [kg m^2].
         visual: Colored meshes, with at most 600 faces in total (1,200 for imported objects with thin walls).
-        collision: Convex geometries, at most about 12.
+        collision: Convex collision parts, usually at most 12.
         regions: Named regions, such as opening, ring, handle and top.
-        parameters: Parameters that the generator drew. They are only stored for information.
+        parameters: Random parameters that the generator drew. They are stored only for information.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side in a container.
         traits: Tags that describe the material, place or use of the object but are not names for it.
     """

@@ -22,7 +22,8 @@ _SPOKEN = (
     (r"attribution", "by"),
     (r"creative commons", "cc"),
 )
-"""Conditions of Creative Commons licenses, as a pattern for the long form in lower case, and the abbreviation."""
+"""Conditions of Creative Commons licenses, each with a pattern for its lower-case long form and with its
+abbreviation."""
 
 _CONDITIONS = ("by", "nc", "sa", "nd")
 _FREE = re.compile(r"(apache|mit|bsd|isc|zlib|odc by|public domain|unlicense)\b.*")

@@ -26,9 +26,10 @@ PLATFORMS = ("egl", "osmesa")
 def gl_backend() -> str | None:
     """Return the off-screen OpenGL back end that renders images ("egl", "osmesa", "glfw"), or None if there is none.
 
-    If the environment variable ``MUJOCO_GL`` names one of these three back ends, that one is returned. "glfw" needs a
-    display. Otherwise EGL is preferred, because it also finds graphics cards. This function only checks that the
-    libraries are present. :func:`betterbench.sim.scenes.renderer_fingerprint` tests whether they work.
+    If the environment variable ``MUJOCO_GL`` names one of these three back ends, this back end is returned ("glfw"
+    needs a display). If it names none of them, EGL is preferred, because EGL also finds graphics cards. This function
+    only checks that the libraries are present. :func:`betterbench.sim.scenes.renderer_fingerprint` tests whether they
+    work.
     """
     asked = asked_back_end()
     if asked in BACK_ENDS:

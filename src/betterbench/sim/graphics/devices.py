@@ -27,7 +27,8 @@ DEVICE_VARIABLE = "MUJOCO_EGL_DEVICE_ID"
 """Environment variable with the index of the EGL device for MuJoCo and robosuite."""
 
 HANDED_DOWN = "BETTERBENCH_EGL_DEVICES"
-"""Environment variable that a process sets for its children: indices of devices, starting with the child's own."""
+"""Environment variable that a process sets for each child process. It lists device indices, starting with the device
+that the child has to use."""
 
 _BULLET_VARIABLE = "EGL_VISIBLE_DEVICES"
 """Environment variable with the index of the EGL device for PyBullet, which CALVIN uses."""

@@ -20,7 +20,7 @@ MOST_DEVICES = 10
 """Maximum number of devices that MuJoCo considers (``mujoco/egl/egl_ext.py``)."""
 
 _PLATFORM_DEVICE, _CUDA_DEVICE, _DEVICE_UUID, _OPENGL_API, _VERSION = 0x313F, 0x323A, 0x335C, 0x30A2, 0x3054
-_CONFIG = (0x3033, 0x0001, 0x3040, 0x0008, 0x3025, 24, 0x3038)  # a pixel buffer, OpenGL, depth
+_CONFIG = (0x3033, 0x0001, 0x3040, 0x0008, 0x3025, 24, 0x3038)  # pixel buffer, OpenGL, 24-bit depth
 _GL_VENDOR, _GL_RENDERER, _GL_VERSION = 0x1F00, 0x1F01, 0x1F02
 
 
@@ -55,8 +55,8 @@ def devices() -> list[int]:
 def draws_with(handle: int) -> dict[str, Any]:
     """Return the "vendor", "renderer" and "version" of a device's OpenGL, and the device's CUDA number and UUID.
 
-    The result is empty if no OpenGL context can be created on the device, for example because the job may not use the
-    graphics card.
+    The result is empty if no OpenGL context can be created on the device, for example because the job is not allowed to
+    use the graphics card.
     """
     egl, pointer, integer = _Egl(), ctypes.c_void_p, ctypes.c_int
     display = egl("eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)(_PLATFORM_DEVICE, handle, None)

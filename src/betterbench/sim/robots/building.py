@@ -22,7 +22,7 @@ COLLIDES: dict[str, Any] = {
     "condim": PHYSICS.condim,
     "rgba": (0.9, 0.4, 0.1, 0.5),
 }
-"""Attributes of a collision geom. It has no mass, because the inertia is that of its link."""
+"""Attributes of a collision geom. It has no mass, because the mass and inertia are given for the whole link."""
 
 SEEN: dict[str, Any] = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
 """Attributes of a visual geom, which neither collides nor has mass."""
@@ -38,8 +38,8 @@ FIRM: dict[str, Any] = {
 The parameters are the time constant [s] (three physics steps), the damping ratio and the impedance.
 
 With MuJoCo's default time constant of 20 ms, a pad would sink 1.3 mm into an object at full force. ``solmix`` is the
-weight of the pad's parameters relative to those of the object. Unlike a higher priority, it keeps the larger friction
-of the two.
+weight of the pad's parameters relative to those of the object. Unlike a higher priority, it keeps the larger of the two
+friction coefficients.
 """
 
 

@@ -90,7 +90,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """What a controller remembers between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
+    """Values that a controller keeps between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]

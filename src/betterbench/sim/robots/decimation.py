@@ -21,11 +21,11 @@ Quadric = list[float]
 _BORDER_WEIGHT = 30.0
 """Weight of the border planes relative to the face planes.
 
-It makes borders move along themselves rather than sideways.
+Because of this high weight, a vertex can move along the border but hardly away from it.
 """
 
 _LEAST_COSINE = 0.35
-"""Cosine of the largest rotation of a triangle that one collapse may cause, about 70 degrees."""
+"""Cosine of the largest angle by which one collapse may rotate a triangle, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
 """Minimum shape quality of a triangle.
@@ -54,7 +54,7 @@ def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple
 def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
     """Split vertices at which faces meet at an angle larger than ``degrees``.
 
-    A renderer that averages the normals of the faces around a vertex then draws edges sharp and round surfaces smooth.
+    A renderer that averages the normals of the faces around a vertex then draws sharp edges and smooth round surfaces.
     """
     a, b, c = vertices[faces].swapaxes(0, 1)
     normals = np.cross(b - a, c - a)

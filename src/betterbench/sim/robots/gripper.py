@@ -20,7 +20,7 @@ PREFIX = "robot_"
 _STIFFNESS = 20_000.0
 """Position gain of a slide [N/m].
 
-A mass of 1 kg sags by half a millimeter, less than with a gravity-compensated arm.
+A mass of 1 kg sags by half a millimeter, less than it would on a gravity-compensated arm.
 """
 _DAMPING = 400.0
 """Velocity gain of a slide [N s/m]. It is above critical damping for a gripper and an object of 2 kg together."""

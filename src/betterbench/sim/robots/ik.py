@@ -2,7 +2,7 @@
 
 Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink (:class:`mink.FrameTask`,
 :class:`mink.Configuration`), on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs only 20 times per
-simulated second, so it always finds the CPU caches cold. To save time, it computes the same Jacobian directly with
+simulated second, so the CPU caches are cold each time. To save time, it computes the same Jacobian directly with
 MuJoCo, in the base frame. A test compares the two Jacobians. The quadratic program is assembled here and passed to
 DAQP, with the limits as simple bounds. Mink's own interface to the solver passes the limits as 28 general inequalities,
 which takes about three times as long.
@@ -59,7 +59,7 @@ SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
 
 Below it (about 2 cm at the tool), the first iteration leaves less than 0.4 mm, which the next control step corrects.
-After 3 cm, the second iteration reduces the error to 0.1 mm.
+For a step of 3 cm, the second iteration reduces the error to 0.1 mm.
 """
 
 _REACH_STEP_RAD = 0.3
@@ -252,8 +252,8 @@ class ArmIK:
 
         This is meant for many consecutive targets along a path. It starts close to the solution and takes Newton steps
         until both tolerances are met, which takes a tenth of the time of :meth:`reach`. If the steps leave the limits
-        or do not converge, :meth:`reach` searches from ``q``. If ``q`` is outside the limits, the nearest angles inside
-        them are the start.
+        or do not converge, :meth:`reach` searches from ``q``. If ``q`` is outside the limits, the search starts from
+        the nearest angles inside them.
         """
         now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
         last = math.inf
@@ -360,7 +360,7 @@ class ArmIK:
         pulls = zip(self._get_gradient(), q, self._home, strict=True)
         self._set_gradient(*[g - posture * (now - home) for g, now, home in pulls])
         mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
-        return list(map(operator.add, q, self._get_newton()))  # takes two thirds of the time of a loop
+        return list(map(operator.add, q, self._get_newton()))  # this takes two thirds of the time of a loop
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), the weighted Jacobian (6, n) and the weighted pose error (6,) at ``q`` [rad]."""
@@ -431,7 +431,7 @@ class _FrameProblem:
 
 @contextmanager
 def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
-    """Context manager in which importing the module ``name`` gives a stand-in.
+    """Context manager in which an import of the module ``name`` returns a stand-in.
 
     The stand-in loads the module when it is first used.
 

@@ -79,7 +79,7 @@ def numbers_of(array: np.ndarray) -> memoryview[float]:
 
 
 def number_writer(array: np.ndarray) -> Callable[..., None]:
-    """Return a function with n arguments that writes them into a float64 array (n,)."""
+    """Return a function that writes its n arguments into a float64 array (n,)."""
     return functools.partial(struct.Struct(f"{len(array)}d").pack_into, _memory(array), 0)
 
 

@@ -15,7 +15,8 @@ from betterbench.sim.robots.jaws import Jaw
 from betterbench.sim.robots.varied import VariedQuantity
 
 Progress = Callable[[str, int, int], None]
-"""Function that is called during long work with the name of the current work, the steps done and the total steps."""
+"""Function that is called during a long task with the name of the task, the number of completed steps and the total
+number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +108,9 @@ class SteeringLimits:
 class RobotSpec:
     """Description of a robot, for controllers, scenes and experts.
 
-    All names are those in the robot's own model. A scene attaches the robot under a prefix and has to pass the prefix.
-    Arm joints are listed from base to flange, and all per-joint tuples follow that order, with angles in rad and
-    velocity limits in rad/s.
+    All names are those in the robot's own model. A scene attaches the robot with a prefix. Functions that look up the
+    names in the scene need this prefix. Arm joints are listed from base to flange, and all per-joint tuples follow that
+    order, with angles in rad and velocity limits in rad/s.
 
     Attributes:
         name: Name in the registry ("panda").

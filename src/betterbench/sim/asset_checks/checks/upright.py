@@ -78,7 +78,8 @@ def _round(subject: Subject) -> Finding:
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
     turns = np.pi * np.arange(12) / 12.0
     lying = min(_uneven(points, np.array([np.cos(t), np.sin(t), 0.0])) for t in turns)
-    # An object that is round about both axes is a ball; one round only about a horizontal axis lies on its side.
+    # An object that is round about both axes is a ball. An object that is round only about a horizontal axis lies on
+    # its side.
     ratio = vertical / lying if lying < limits.ROUND_RATIO else 1.0
     across = [f"{100 * (each - 1):.2g} %" for each in (vertical, lying)]
     said = f"its widths across the vertical differ by {across[0]}, across a horizontal axis by {across[1]}"

@@ -27,9 +27,9 @@ JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)
 class Draft:
     """Description of one object. The registry makes an asset from it.
 
-    The registry adds the category, the variant number and the color word. The color word also becomes the last tag. The
-    registry also distributes the mass over the collision parts and measures the size. The fields that are not listed
-    here are explained in :class:`~betterbench.sim.assets.asset.Asset`.
+    The registry adds the category, the variant number and the color word, which also becomes the last tag. It
+    distributes the mass over the collision parts and measures the size. The fields that are not listed here are
+    explained in :class:`~betterbench.sim.assets.asset.Asset`.
 
     Attributes:
         tags: Search words. The color word is not among them, since the registry adds it.

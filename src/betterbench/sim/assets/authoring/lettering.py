@@ -7,7 +7,7 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 
 Stroke = tuple[tuple[float, float], ...]
 
-# Strokes on a field 0.6 wide and 1 high, origin at the lower left.
+# Each stroke is a sequence of points on a field that is 0.6 wide and 1 high, with the origin at the lower left.
 _BOWL: Stroke = ((0.0, 0.0), (0.0, 1.0), (0.42, 1.0), (0.6, 0.88), (0.6, 0.62), (0.42, 0.48), (0.0, 0.48))
 _SIGNS: dict[str, tuple[Stroke, ...]] = {
     "1": (((0.08, 0.78), (0.32, 1.0), (0.32, 0.0)), ((0.08, 0.0), (0.56, 0.0))),

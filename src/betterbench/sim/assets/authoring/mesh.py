@@ -102,7 +102,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     a, b, c = vertices[faces].transpose(1, 2, 0)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-    # ten times as fast as numpy.cross for a hundred triangles, with bit-identical results
+    # # This is ten times as fast as numpy.cross for a hundred triangles and gives bit-identical results.
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=-1)
 
 
@@ -232,8 +232,8 @@ def loft(
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
     """Return texture coordinates that rise from 0 to 1 along one half of a ring, and fall back to 0 along the other.
 
-    A print painted for half of the circumference then appears on both halves, and there is no visible seam. The number
-    of points ``n`` must be even.
+    A print that is painted on one half of the circumference then appears on both halves, without a visible seam. The
+    number of points ``n`` must be even.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)

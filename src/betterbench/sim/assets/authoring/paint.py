@@ -20,9 +20,9 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Context manager in which no textures are painted, so that assets are built faster.
+    """Context manager that turns off the painting of textures, so that assets are built faster.
 
-    Canvases then have only one pixel. All random numbers are still drawn, so shapes stay the same.
+    A canvas then has only one pixel. All random numbers are still drawn, so the shapes of assets stay the same.
     """
     token = _unpainted.set(True)
     try:
@@ -52,7 +52,8 @@ class Canvas:
         self.x = ((np.arange(columns) + 0.5) / columns * width)[None, :]
         self.y = ((rows - 0.5 - np.arange(rows)) / rows * height)[:, None]
         self.width, self.height = width, height
-        # one plane for each channel: operations on an array whose last axis is the channel take five times as long.
+        # The channel is the first axis, because operations on an array with the channel as its last axis take five
+        # times as long.
         self._planes = np.empty((3, rows, columns))
         self._planes[:] = _by_plane(color)
 
@@ -132,7 +133,7 @@ class Canvas:
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
         """Darken the texture above row ``start``.
 
-        The brightness is ``light`` at row ``start``. It decreases by ``loss`` up to row ``end``.
+        The brightness is ``light`` at row ``start`` and decreases by ``loss`` between rows ``start`` and ``end``.
         """
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
@@ -259,7 +260,7 @@ def scattered(
             yield x, y
 
 
-# colors by common color words, chosen to be distinguishable under the lighting of the scenes
+# # Colors of common color words. They are chosen to be distinguishable under the lighting of the scenes.
 PALETTE: dict[str, Rgb] = {
     "red": (0.78, 0.07, 0.07),
     "blue": (0.08, 0.22, 0.68),
@@ -279,7 +280,7 @@ PALETTE: dict[str, Rgb] = {
 
 
 STEEL: Rgb = (0.74, 0.75, 0.77)
-BUN: Rgb = (0.76, 0.45, 0.15)  # brown of a baked bun and its look-alikes
+BUN: Rgb = (0.76, 0.45, 0.15)  # brown of a baked bun and of objects that look like one
 CHROME: Rgb = (0.80, 0.81, 0.83)
 
 

@@ -1,6 +1,6 @@
 """Registry of asset generators.
 
-A category is registered by decorating one function; everything else is derived from it.
+Decorating one function registers a category. Everything else is derived from this function.
 """
 
 import functools
@@ -75,7 +75,7 @@ def generator(
         category: Name of the category.
         colors: Color words. The first one is the default.
         looks: Number of variants for training and test. They are numbered from 0.
-        unseen_looks: Number of held-out variants. They are numbered from ``looks`` on.
+        unseen_looks: Number of held-out variants. Their numbers start at ``looks``.
         family: Categories of the same family draw the same random numbers for a variant, so that related objects match
             (for example a cabinet and its drawers, or the plates of a set). If None, the category is its own family.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side to count as inside a
@@ -232,7 +232,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager that replaces regions of all assets built inside it.
+    """Context manager that replaces regions of all assets that are built while it is active.
 
     The new regions are keyed by category and region name.
     """

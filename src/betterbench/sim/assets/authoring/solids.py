@@ -10,7 +10,7 @@ from betterbench.sim.assets.authoring.materials import material
 
 
 def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
-    """Give collision parts the friction of a material, for example to the rubber handle of a steel object.
+    """Give collision parts the friction of a material, such as rubber for the handle of a steel object.
 
     If ``only_plain`` is True, parts that already have a friction of their own keep it.
 
@@ -109,7 +109,7 @@ def round_wall(
 
 
 def flared_walls(foot: float, top: float, height: float, *, wall: float, floor: float) -> tuple[CollisionPart, ...]:
-    """Return a hollow round object that widens upward.
+    """Return the collision parts of a hollow round object that widens upward.
 
     Its floor consists of two crossed plates, which together fill an octagon and stand on their corners. Its wall
     consists of eight leaning boards. ``foot`` and ``top`` are the outer radii at the ground and at ``height``. ``wall``

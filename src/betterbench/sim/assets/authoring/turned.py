@@ -58,8 +58,8 @@ class Turned:
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Create an empty texture for the surface. Its rows follow the profile upward.
 
-        If ``width`` is None, the width of the texture is half of the largest circumference [m]. It is 1 if the texture
-        is not wrapped and therefore has only one column.
+        If ``width`` is None, the width of the texture is half of the largest circumference [m]. If the texture is not
+        wrapped, it has only one column, and its width is 1.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0

@@ -141,7 +141,7 @@ def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: 
     lit = np.clip(colors * shade[:, None], 0.0, 1.0)
     order = np.argsort(depth, kind="stable")  # write the nearest point of each pixel last
     rows, columns, lit = rows[order], columns[order], np.concatenate([lit[order], _GROUND[None]])
-    shown = np.full(side * side, len(order), dtype=np.int32)  # number of the point that each pixel shows
+    shown = np.full(side * side, len(order), dtype=np.int32)  # index of the point that each pixel shows
     numbers = np.arange(len(order), dtype=np.int32)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):

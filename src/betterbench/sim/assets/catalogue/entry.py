@@ -27,7 +27,7 @@ class CatalogueEntry:
         faces: Number of triangles. None if unknown.
         license: Name of the license. Empty if unknown.
         author: Author of the asset.
-        variants: Number of variants of the object that the source generates. For a file, it is 1.
+        variants: Number of variants of a generated object, or 1 for an object in a file.
     """
 
     id: str

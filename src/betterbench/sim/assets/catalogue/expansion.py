@@ -45,9 +45,9 @@ _GENERIC_NAMES = """
 contraption device equipment gadget implement instrument item object one piece something stuff thing tool utensil
 """
 _GENERIC = frozenset(_GENERIC_NAMES.split())
-"""Nouns that do not name an object, if the use of the object follows: "thing to eat soup with"."""
+"""Nouns that do not name an object if they are followed by the object's use: "thing to eat soup with"."""
 _STARTS_A_USE = frozenset(["for", "to", "that", "which", "you", "i", "we", "people", "used"])
-"""Words that connect such a noun with the use of the object."""
+"""Words that connect a general noun with the use of the object: "to" in "thing to eat soup with"."""
 _BY_PREPOSITION = {
     "with": "tool",
     "using": "tool",
@@ -94,7 +94,7 @@ _SYNONYM, _KIND = 0.95, 0.8
 
 Expander = Callable[[str], Sequence[str]]
 """Function that returns alternative descriptions of the same object, for example written by a language model. Each
-description is searched for, like the query."""
+description is searched for in the same way as the query."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +278,7 @@ def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
 def _differ_by_one(word: str, name: str) -> bool:
     """Return whether two words differ by one letter, or by the order of two neighboring letters."""
     if len(word) != len(name):
-        return True  # the words share a spelling with one letter left out, so one of them has an additional letter
+        return True  # the caller only compares words that become equal if one letter is left out
     at = next(at for at, (a, b) in enumerate(zip(word, name, strict=True)) if a != b)
     swapped = word[at + 1 : at + 2] + word[at]
     # a replaced letter only counts in longer words, because short words are similar to many others
@@ -394,7 +394,7 @@ def role_of(words: Sequence[str]) -> str:
     empty.
     """
     for at, word in enumerate(words):
-        last = at + 1 == len(words) and word != "inside"  # "green outside and red inside"
+        last = at + 1 == len(words) and word != "inside"  # as in "green outside and red inside"
         if word in _BY_PREPOSITION and (last or (at + 1 < len(words) and words[at + 1] in _REFERS)):
             return _BY_PREPOSITION[word]
     said = [word for word in words if word not in ("a", "an", "any", "some", "the")]

@@ -264,9 +264,9 @@ def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozen
 
 
 def _narrower(words: Sequence[str], length: int) -> frozenset[int]:
-    """Return the kinds named by a phrase at the end of the words that includes the broader word and is longer.
+    """Return the kinds that are named by the broader word together with the words before it.
 
-    For example, "egg holder" is longer than "holder", and "canned meat" is longer than "meat".
+    For example, "egg holder" names narrower kinds than "holder", and "canned meat" names narrower kinds than "meat".
     """
     listed = word_list()
     for start in range(len(words) - length):

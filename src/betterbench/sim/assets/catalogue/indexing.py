@@ -49,7 +49,7 @@ class OnProgress(Protocol):
     """Callback that reports the progress of the indexing job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report the name of the current stage, how many items are done, and their total number (0 if unknown)."""
+        """Report the name of the current stage, the number of processed items and the total number (0 if unknown)."""
 
 
 @dataclass(slots=True)
@@ -92,7 +92,7 @@ def index_sources(
         folder: Folder of the catalogue. It is created if it does not exist.
         sources: Sources to read.
         encoder: Text encoder for semantic search. If None, the catalogue can only be searched by words.
-        on_progress: Called with the progress of the job.
+        on_progress: Callback that receives the progress of the job.
 
     Raises:
         RunConflictError: If another process is indexing into the folder.

@@ -29,7 +29,7 @@ VARIETY_SHARE = 0.6
 """Increase in the similarity of a kind if the query contains a variety or brand of it, as a fraction of the difference
 to the maximum similarity."""
 HYPERNYM_LOSS = 0.25
-"""Penalty for kinds that are not included in the broader word ("cutlery") by which the query names the object."""
+"""Penalty for kinds that the broader word in the query, such as "cutlery", does not include."""
 ROLE_SHARE = 0.25
 """Weight of the fraction of query words that occur in a statement about the same role of the object ("eat soup with
 it")."""
@@ -100,8 +100,8 @@ class KindIndex:
         order = np.argsort(self.table["kind"], kind="stable")
         self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
         self._kinds, starts, self._totals = np.unique(self.table["kind"][order], return_index=True, return_counts=True)
-        # one row per kind with the indices of its texts, padded with the number of texts, for which a cosine of -2 is
-        # appended
+        # One row per kind contains the indices of its texts. Short rows are padded with the number of texts, an index
+        # for which a cosine of -2 is appended later.
         places = starts[:, None] + np.arange(max(_COUNTED, self._totals.max(initial=0)))
         self._texts = np.where(places < (starts + self._totals)[:, None], places, len(order))
         self._size = int(listed[-1]) + 1 if len(listed) else 0

@@ -16,7 +16,7 @@ def list_lines(file: str) -> Iterator[str]:
 
 
 def entries_by_name(file: str, separator: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the name and the entries of each line in a word list with lines of the form ``name: entry, entry``."""
+    """Yield the name and the entries of each line in a word list whose lines have the form ``name: entry, entry``."""
     for line in list_lines(file):
         name, _, said = line.partition(":")
         yield name.strip(), [part.strip() for part in said.split(separator) if part.strip()]

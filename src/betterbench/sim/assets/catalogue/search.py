@@ -31,7 +31,7 @@ _RANK = 8.0
 _BEST_KINDS = 3
 """Number of most similar kinds whose rows are searched."""
 _PER_MEMBER = 20
-"""Number of rows that are searched of each further kind, if the query's broader word ("cutlery") includes the kind."""
+"""Number of rows that are searched for each further kind that the query's broader word, such as "cutlery", includes."""
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
 """Weights of the similarity to the kind, the cosine with the row's own text, and the word score."""
 _UNRELATED = 0.2
@@ -83,8 +83,9 @@ class Hit:
 
     Attributes:
         entry: Row of the catalogue.
-        score: Combined score for words and meaning in [0, 1]. The maximum of 1 is reached if the asset contains every
-            word of the query, is first in the search by words, and has the same kind and the same text as the query.
+        score: Combined score for words and meaning in [0, 1]. The maximum of 1 is reached if the asset's row contains
+            every word of the query, is first in the search by words, and has the same kind and the same text as the
+            query.
         word_rank: Rank in the search by words, from 1. None if no word matched.
         meaning_rank: Rank in the search by meaning, from 1. None if there was no search by meaning.
         cosine: Cosine between the vectors of the asset and the query. None if there was no search by meaning.
@@ -112,8 +113,8 @@ class Catalogue:
 
     Args:
         folder: Folder of the catalogue.
-        encoder: Function that loads an encoder by its name. It is called when it is first needed for a semantic search.
-            If None, the catalogue is only searched by words.
+        encoder: Function that loads an encoder by its name. It is called for the first semantic search. If None, the
+            catalogue is only searched by words.
 
     Raises:
         InvalidInputError: If there is no catalogue in the folder, or its indexing has not finished.
@@ -260,7 +261,7 @@ class Catalogue:
     def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
         """Return the rows that contain words of the query, starting with the best match.
 
-        Each comes with the fraction of the query's words that it contains.
+        Each row is paired with the fraction of the query's words that it contains.
         """
         every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
         frequencies = self._store.frequencies(sorted(every))
@@ -313,7 +314,7 @@ class Catalogue:
         places = np.unique(np.concatenate(found).astype(np.int64))
         cosines = index.cosines(readings, places)
         own = kinds.rows[places]
-        # a name is similar to a short description, so compare a row without a kind by its own text
+        # A row without a kind is compared by its own text, because its name resembles a short description of a kind.
         shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
         near = cosines + WORDS_SHARE * shares - (HYPERNYM_LOSS if members else 0.0)
         if len(likeness):
@@ -346,7 +347,7 @@ class Catalogue:
         if filters.source:
             parts.append(columns.sources == self._numbers[filters.source])
         if filters.max_faces is not None:
-            # as unsigned integers, unknown numbers of triangles (-1) are the largest
+            # as an unsigned integer, an unknown number of triangles (-1) exceeds every limit
             parts.append(columns.faces.view(np.uint32) <= min(filters.max_faces, 2**31 - 1))
         if filters.max_size_m is not None:
             parts.append(columns.sizes <= filters.max_size_m)

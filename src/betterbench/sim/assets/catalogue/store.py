@@ -320,8 +320,8 @@ class Store:
     def matching(self, expression: str, limit: int, *, ranked: bool) -> list[WordMatch]:
         """Return at most ``limit`` rows that match an FTS5 expression, in no particular order.
 
-        If there are more matches than ``limit``, the best matches are returned if ``ranked`` is True, and otherwise the
-        first ones.
+        If there are more matches than ``limit``, ``ranked`` determines whether the best or the first matches are
+        returned.
         """
         order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
         # The inner query sorts row numbers alone: sorting the words of all matches takes longer.

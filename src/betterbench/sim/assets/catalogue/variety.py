@@ -17,7 +17,7 @@ MOST = 100
 """Maximum number of assets for one description."""
 _SEARCHED = 60
 _NEAR = 0.35
-"""Minimum score relative to the best hit for an asset with a different name."""
+"""Minimum score of an asset with a different name than the best hit, as a fraction of the best score."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +50,11 @@ def choose_different(
         catalogue: Catalogue to search.
         description: Description of the object in plain words.
         count: Number of assets to choose.
-        seed: Seed of the draw. The same seed gives the same assets.
+        seed: Random seed. The same seed gives the same assets.
         filters: Filters of the search.
 
     Raises:
-        InvalidInputError: If the number is out of range, or too few assets in the catalogue fit the description.
+        InvalidInputError: If ``count`` is out of range, or too few assets in the catalogue fit the description.
     """
     if not 1 <= count <= MOST:
         raise InvalidInputError("num", f"{count} is out of range", f"Use a number from 1 to {MOST}")

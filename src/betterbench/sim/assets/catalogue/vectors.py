@@ -19,12 +19,12 @@ from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 
 EXACT_ROWS = 20_000
-"""Maximum number of rows in a catalogue for a search to compare every vector."""
+"""Maximum number of catalogue rows for which a search compares every vector."""
 RERANKED = 2_000
-"""Number of rows whose vectors are compared after the sketches of all rows were compared."""
+"""Number of rows whose vectors are compared in a search of the whole catalogue. These are the rows with the most
+similar sketches."""
 RERANKED_AMONG = 500
-"""Number of rows whose vectors are compared after the sketches of some rows, such as the 18,000 rows of a frequent
-kind, were compared."""
+"""The same number for a search of only some rows, such as the 18,000 rows of a frequent kind."""
 _SPREAD = 1 << 16
 """Number of rows per batch when files are written, and when sketches are compared."""
 _EXCLUDED = np.uint16(1 << 15)
@@ -72,7 +72,7 @@ def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
     """Return a sketch of each vector, as a (words, n) uint64 array. A sketch has one bit per component.
 
-    A bit is set if the component is larger than the same component of the center of all vectors.
+    A bit is set if the component is larger than the mean of this component over all vectors.
     """
     bits = np.packbits(vectors > center, axis=1)
     padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)
@@ -210,7 +210,7 @@ class VectorIndex:
         return places[order], cosines[order]
 
     def cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the largest cosine between the vector of each row in ``places`` and any of the unit vectors."""
+        """Return, for each row in ``places``, the largest cosine between its vector and any of the unit vectors."""
         return np.concatenate([self._cosines(queries, part) for part in _parts(places)] or [np.zeros(0, np.float32)])
 
     def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:

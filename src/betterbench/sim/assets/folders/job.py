@@ -133,7 +133,7 @@ def _imported(request: ImportRequest) -> _Result:
         require_license(where, request.wishes.license, any_license=request.any_license, option=LICENSE_OPTIONS)
         return _Result(request, import_bytes(request.path, request.wishes))
     except StorageError:
-        raise  # an error of the cache would also affect all other files
+        raise  # stop the job, because an error of the cache would affect all other files as well
     except (BetterError, OSError) as error:
         return _Result(request, None, one_line(error, most=400))
 

@@ -38,7 +38,7 @@ def _register(file: TaskFile) -> tuple[str, ...]:
     for name, asset in assets.items():
         path = folder / asset.file
         if not path.is_file():
-            raise InvalidInputError(str(path), "it does not exist, but its manifest lists it", CURE)
+            raise InvalidInputError(str(path), "the file does not exist, but the manifest lists it", CURE)
         generator(name, colors=(asset.color,), looks=1, unseen_looks=1)(_generator(path, asset))
     return tuple(assets)
 
@@ -52,7 +52,7 @@ def _generator(path: Path, asset: FolderAsset) -> Generator:
             raise InvalidInputError(str(path), "it is not the file that the manifest lists", CURE)
         return from_bytes(data, str(path)).draft
 
-    make.__qualname__ = f"the asset {path}"  # distinguishes two folders that have the same name
+    make.__qualname__ = f"the asset {path}"  # the name distinguishes assets from two folders with the same name
     return make
 
 

@@ -49,7 +49,7 @@ def write_reviewed_folder(
 
     Args:
         folder: Folder of imported assets.
-        out: The new folder. It must be a different folder.
+        out: The new folder. It must not be the reviewed folder.
         changes: Changes to each asset, in order, keyed by the name of the asset.
         rejected: Names of assets that are left out.
 

@@ -103,7 +103,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
     at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])
-    # penalize differing normals by two wall thicknesses, so that a point gets the color of its own side of a wall
+    # Add a penalty for differing normals to the distance, so that a point gets the color of its own side of a wall.
     apart = _SIDES_APART * float(np.ptp(points, axis=0).max())
     tree = cKDTree(np.hstack([points, apart * normals]))
     _, nearest = tree.query(np.hstack([at, apart * normals_of(vertices, faces)[owners]]), k=3)
@@ -136,7 +136,7 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
         if not is_lost:
             of_before = of_before or _tree_of(before)
             dent = max(_farthest(before, of_after), _farthest(after, of_before))
-            if dent - size / 240.0 <= DENT_SHARE * size:  # sampled points are half a spacing apart
+            if dent - size / 240.0 <= DENT_SHARE * size:  # subtract half the spacing of the sampled points
                 return points, triangles
     if is_lost:
         for budget in (THIN_FACE_BUDGET, WIRES_FACE_BUDGET):
@@ -152,7 +152,7 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
 
 def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
     """Return whether any point of the original surface is far from every point of the reduced surface."""
-    # the search ends at the bound; larger distances are infinite
+    # the search stops at the bound and returns infinity for larger distances
     bound = np.nextafter(LOST_SHARE * size, np.inf)
     return any(  # test a few points first, which suffice to find most lost parts
         np.isinf(after.query(some, distance_upper_bound=bound)[0]).any() for some in (before[::16], before)

@@ -15,7 +15,7 @@ from betterbench.sim.assets.importing.solid import Solid
 
 _LEAST_DEPTH_M = 0.004
 _LEAST_DEPTH_SHARE = 0.12
-"""Minimum depth of a hollow, as a fraction of the object's height. Shallower hollows are dents."""
+"""Minimum depth of a hollow, as a fraction of the object's height. Shallower hollows count as dents."""
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
@@ -32,7 +32,7 @@ _LEVEL_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cavity:
-    """The hollow of an object that holds the most water.
+    """Hollow of an object. If there are several hollows, this is the one that holds the most water.
 
     Attributes:
         mask: (nx, ny) columns of the grid that are under water.
@@ -97,7 +97,7 @@ def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
 def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int) -> np.ndarray:
     """Fill the gaps between wires up to the height of the nearest wire.
 
-    A wire basket holds objects but no water, so its hollow would not be found otherwise.
+    A wire basket holds objects but no water. Its hollow can only be found after its gaps are filled.
 
     Args:
         tops: (nx, ny) height of the highest surface in each column of cells [m].
@@ -171,7 +171,7 @@ def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, 
 def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
     """Return the largest level square on the floor of a hollow, as height, middle (x, y) and half the side [m].
 
-    The floor of a real plate is slightly higher in the middle. The returned height is therefore the one at which
+    The floor of a real plate is slightly higher in the middle. The returned height is therefore the height at which
     objects rest. Returns None if no part of the floor is level.
     """
     tops = np.where(cavity.mask, cavity.tops, -np.inf)

@@ -132,7 +132,7 @@ def _kept(path: Path, place: Path, where: str) -> Made | None:
         stored = place.with_suffix(f".{_content(files)}.npz")
         data = read_bounded(stored, max_bytes=MOST_STORED_BYTES, cure="Delete it")
         from_bytes(data, where)
-    except (InvalidInputError, OSError):  # missing or damaged: import again
+    except (InvalidInputError, OSError):  # if the cached file is missing or damaged, the object is imported again
         return None
     return Made(data, files)
 

@@ -26,12 +26,13 @@ LOWEST_M = 0.010
 _STEP_M = 0.002
 _YAWS = 12
 _FAR = 1000
-"""Number of free grid squares that is assumed next to the outermost part of an object."""
+"""Number of free grid squares that are assumed next to the outermost part of an object."""
 _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
-"""Minimum height of a pad's contact area [m], and the height above which an object must offer it [m]."""
+"""Minimum height of a pad's contact area [m], and the height of an object above which this minimum applies [m]."""
 _STEEPEST = math.tan(math.radians(35.0))
-"""Maximum inward slope of the sides [tangent]. The friction cone of the pads has 50 degrees, and cells are coarse."""
+"""Maximum inward slope of an object's sides [tangent]. It is less than the 50 degrees of the pads' friction cone,
+because the grid cells are coarse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +145,7 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
     """Yield all runs of blocked squares that fit between the fingers and would be touched by the pads.
 
-    The order is column by column.
+    The runs are yielded column by column.
 
     Each run is given by its column, its first row, the row after its last row, and the free space [m] on its narrower
     side. All squares beyond the grid count as free.

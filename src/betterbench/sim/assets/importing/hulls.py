@@ -27,20 +27,21 @@ _CORNERS = 40
 """Maximum number of vertices of a hull. Each vertex costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
-"""A single hull suffices if it deviates from the surface by no more than the smaller of a fraction of the longest side
-and a fraction of the middle side, or by no more than the length [m]. The middle side matters for slim objects: a fork
-is 3 cm wide and 28 cm long."""
+"""Length [m], fraction of the longest side and fraction of the second-longest side. A single hull suffices if its
+deviation from the surface is at most the length, or at most the smaller of the two fractions. The second-longest side
+matters for slim objects: a fork is 3 cm wide and 28 cm long."""
 _THICK_FLOOR = 0.25
 """Minimum height of a hollow's floor for which a solid base below the floor is tried, as a fraction of the object's
 height.
 """
 _MOSTLY_FREE = 0.3
-"""Fraction of a hollow that a decomposition may fill."""
+"""Maximum fraction of a hollow that a decomposition may fill."""
 _LITTLE_FILLED = 0.1
-"""Fraction of a hollow that the hulls of floor and walls may fill before a different division is tried."""
+"""Maximum fraction of a hollow that the hulls of the floor and the walls may fill. Above it, a different division is
+tried."""
 _CLOSE_RINGS_M, _OUTLINE = 0.004, 25
 """Deviation from the surface above which the wall is also divided into rings [m], and the number of heights at which
-the outline of the wall is sampled for them."""
+the outline of the wall is sampled to find the rings."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0005
@@ -188,7 +189,7 @@ def _directions() -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """Part of an object that surrounds its hollow, without attachments such as handles and spouts.
+    """The part of an object around its hollow, without attachments such as handles and spouts.
 
     Attributes:
         near: (nx, ny) columns of the hollow and of the wall around it.
@@ -381,7 +382,7 @@ def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarra
     """Return a mask (k,) of the points that are inside a convex hull, at a depth of more than ``depth`` [m]."""
     corners = hull.points[hull.vertices]
     inside = np.ones(len(points), dtype=bool)
-    for axis in range(3):  # by columns: five times as fast as a reduction of rows of three
+    for axis in range(3):  # testing column by column is five times as fast as reducing rows of three elements
         column = points[:, axis]
         inside &= (column > corners[:, axis].min()) & (column < corners[:, axis].max())
     near = np.flatnonzero(inside)  # test the planes only for these points, which are few
@@ -461,8 +462,8 @@ def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 _MOST_POINTS = 400_000
-"""Maximum number of points sampled on hulls. Usually 30 hulls get 300,000 points, but 60 hulls with long, narrow
-triangles got four million."""
+"""Maximum number of points sampled on hulls. Usually, 30 hulls get 300,000 points. Without the limit, 60 hulls with
+long, narrow triangles got four million."""
 
 
 def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
@@ -473,7 +474,7 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
     for own, body in enumerate(bodies):
         points = spread_points(body.points, body.simplices, spacing)
         outside = np.ones(len(points), dtype=bool)
-        for other in np.flatnonzero(((low < high[own]) & (low[own] < high)).all(axis=1)):  # boxes that overlap
+        for other in np.flatnonzero(((low < high[own]) & (low[own] < high)).all(axis=1)):  # boxes overlap
             if other != own:
                 outside &= ~inside_hull(bodies[other], points, 1e-6)
         kept.append(points[outside])

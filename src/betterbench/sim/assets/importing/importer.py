@@ -32,12 +32,12 @@ from betterbench.tasks.words import with_article
 DENSITY = 500.0
 """Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
 _MOSTLY = 0.5
-"""Fraction of an image that shows back-facing surface above which a mesh counts as inside out rather than open."""
+"""If back-facing surface covers more than this fraction of an image, the mesh counts as inside out rather than open."""
 _DENSEST = 7000.0
 """Maximum density of an object that gets the usual mass of its kind [kg/m^3]. It is lower than that of steel (7,900),
 because the cells overestimate the volume of thin walls."""
 _LEAST_TOP_M = 0.010
-"""Minimum half side of a level surface that can carry another object [m]."""
+"""Half the minimum side length of a level surface that can carry another object [m]."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _FRICTION = (0.6, 0.006, 0.0008)
 """Friction of glazed ceramic, painted metal and hard plastic; see the materials of the library."""
@@ -72,7 +72,8 @@ class Wishes:
         license: License of the mesh.
         source: Where the mesh comes from.
         author: Author of the mesh.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, a movable joint raises an
+            error.
     """
 
     name: str | None = None
@@ -267,7 +268,7 @@ def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Re
     if bottom is not None and bottom[3] > 0.005:
         height, x, y, half = bottom
         found.append(zone("floor", half, half, height, x=x, y=y))
-        if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # a plate: objects are put onto it
+        if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # shallow like a plate
             found.append(zone("top", half, half, height, x=x, y=y))
     found.append(zone("rim", half_x, half_y, cavity.rim_m, x=middle_x, y=middle_y))
     return found

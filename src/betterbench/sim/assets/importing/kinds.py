@@ -106,8 +106,8 @@ def _kinds_by_first_word() -> dict[str, list[tuple[tuple[str, ...], Kind]]]:
     """Index all names of all kinds by the singular and plural forms of their first word.
 
     Returns:
-        For each form of a first word, the names that begin with this word. Each name is split into words and comes with
-        its kind.
+        For each form of a first word, the names that begin with this word. Each name is split into words and paired
+        with its kind.
     """
     found: dict[str, list[tuple[tuple[str, ...], Kind]]] = {}
     for kind in kinds():

@@ -57,7 +57,7 @@ def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(part: CollisionPart) -> np.ndarray:
-    """Return (n, 3) points [m] in the object's frame. Their convex hull is (approximately) the given collision part."""
+    """Return (n, 3) points in the object's frame [m] whose convex hull is approximately the given collision part."""
     a, b, c = part.size
     if part.shape == "hull":
         if part.vertices is None:

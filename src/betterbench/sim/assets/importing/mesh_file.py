@@ -46,7 +46,7 @@ _MATERIALS = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
 _COMMENTED_MATERIALS = re.compile(rb"^[ \t]*#[^\n]*mtllib[^\n]*$", re.MULTILINE)
 """Lines of an OBJ file that name a material file (MTL), and comments that trimesh would mistake for such lines."""
 _OPTION = re.compile(r"-([a-z]+)((?:[ \t]+[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[ \t]+o(?:n|ff)\b|[ \t]+[rgbmlz]\b)*)[ \t]+")
-"""Option and its values, which may stand before the file name of a texture in an MTL file."""
+"""Option with its values. Such options may precede the file name of a texture in an MTL file."""
 _USED_MATERIAL = re.compile(rb"usemtl[ \t]+([^\r\n]*)")
 _MATERIAL_LINE = re.compile(r"\s*(newmtl|map_kd)\s+(.*)", re.IGNORECASE)
 """Lines of an OBJ file that use a material, and lines of an MTL file that begin a material or name its texture."""
@@ -227,7 +227,7 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         data = _plain_obj(data, where)
         files = files.using(_used_materials(data))
     if kind == "stl" and _stated_triangles(data) > MAX_FACES:
-        raise _too_many(where)  # raised early, because building the surface would take gigabytes
+        raise _too_many(where)  # check this before the surface is built, which would take gigabytes
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
@@ -269,7 +269,7 @@ def _plain_obj(data: bytes, where: str) -> bytes:
 
 def _used_materials(data: bytes) -> frozenset[str]:
     """Return the names of the materials that an OBJ file uses."""
-    joined = data.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # names may continue on the next line
+    joined = data.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # a backslash at the end of a line continues the line
     return frozenset(_material_name(name.decode(errors="replace")) for name in _USED_MATERIAL.findall(joined))
 
 

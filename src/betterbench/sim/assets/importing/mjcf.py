@@ -56,7 +56,7 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
         root: The ``mujoco`` element of the file.
         files: Resolver for the file's folder.
         where: Name of the file, for messages.
-        freeze: Whether movable joints are fixed at their reference position. If False, they are an error.
+        freeze: Whether movable joints are fixed at their reference position. If False, a movable joint raises an error.
 
     Raises:
         InvalidInputError: If the file does not describe one rigid body, has an unsupported part, or is rejected by
@@ -276,7 +276,7 @@ class _Compiled:
         vertices, faces = self._placed(geom, vertices, faces)
         rgba, (image, is_flat) = _rgba(self._model, geom), self._image(geom)
         name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
-        # MuJoCo would map such a texture itself, for example onto a cube. The mean color is close enough to that.
+        # MuJoCo would map such a texture itself, for example onto a cube. The mean color is close enough.
         if image is not None and (corners is None or not is_flat):
             r, g, b = (float(v) / 255.0 for v in image.reshape(-1, 3).mean(axis=0))
             rgba, image = (rgba[0] * r, rgba[1] * g, rgba[2] * b, rgba[3]), None

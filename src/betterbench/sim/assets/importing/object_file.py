@@ -26,7 +26,8 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
     Args:
         path: The mesh, URDF or MJCF file.
         files: Resolver for the file's folder, which records the files that are read.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, a movable joint raises an
+            error.
 
     Raises:
         InvalidInputError: If the file cannot be read, does not contain one rigid object, or refers to a file outside

@@ -13,7 +13,8 @@ from betterbench.sim.assets.importing.upright import Placed
 from betterbench.statistics.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
-"""Range of plausible masses [kg]. A stated mass outside this range is a placeholder or not for a tabletop object."""
+"""Range of plausible masses [kg]. A stated mass outside this range is a placeholder, or the object is not a tabletop
+object."""
 _INERTIA_FACTOR = 5.0
 """Maximum ratio between a stated principal moment of inertia and that of a solid body of the same shape. For
 comparison, a shell has up to 3 times the moment of a solid body of the same size."""
@@ -21,7 +22,7 @@ _CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
 """Maximum distance between stated collision shapes and the visible surface: the larger of a length [m] and a fraction
 of the object's longest side."""
 _MOST_FILLED = 0.02
-"""Fraction of a hollow that stated collision shapes may fill."""
+"""Maximum fraction of a hollow that stated collision shapes may fill."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -136,7 +136,7 @@ def joined(parts: Sequence[RawPart]) -> tuple[np.ndarray, np.ndarray]:
     points = np.concatenate([part.vertices for part in parts])
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-    # Vertices closer than a millionth of the size are duplicates for different texture coordinates or normals.
+    # Vertices closer than a millionth of the size are the same vertex with different texture coordinates or normals.
     step = max(float(np.ptp(points, axis=0).max()), 1e-12) * 1e-6
     _, first, which = np.unique(np.round(points / step), axis=0, return_index=True, return_inverse=True)
     faces = which.ravel()[faces]

@@ -72,7 +72,8 @@ def imported(
         source: Where the mesh comes from, shown in lists of sources. If None, the name of the file is shown.
         author: Author of the mesh, shown in lists of sources.
         any_license: Whether restricted and unknown licenses are allowed.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, a movable joint raises an
+            error.
         keeps_upright: Whether the object, such as a cup with a drink, must not lie on its side in a container.
         review: Review file written by ``better review``. The accepted changes in it are applied. If the object was
             rejected or has no verdict, the first build of the category raises an error.
@@ -96,7 +97,7 @@ def imported(
         imported = import_safely(file, wishes)
         return (imported if reviews is None else reviewed(imported, file, reviews)).draft
 
-    # This distinguishes two files that are registered under the same name.
+    # The file in the name distinguishes two files that are registered under the same category name.
     make.__qualname__ = f"the import of {file}"
     generator(category, colors=(color,), looks=1, unseen_looks=1, keeps_upright=keeps_upright)(make)
     _IMPORTS[category] = MeshImport(category, file, wishes)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 GRID = 72
-"""Number of cells along the longest side. For an object of 12 cm, a cell has 1.7 mm."""
+"""Number of cells along the longest side. For an object 12 cm long, a cell has a side of 1.7 mm."""
 
 _SAMPLES_PER_CELL = 6.0
 
@@ -106,7 +106,7 @@ def _columns(corners: np.ndarray, spacing: float, *, most: int | None = None) ->
     count = sum(len(which) * len(w) for which, w in patterns)
     step = 1 if most is None else 1 + count // most
     found: list[list[np.ndarray]] = [[], [], []]
-    first = 0  # index of the first point of a pattern that is kept
+    first = 0  # index of the first point in the pattern that is kept
     for which, w in patterns:
         kept = np.arange(first, len(which) * len(w), step)
         first = (first - len(which) * len(w)) % step
@@ -170,7 +170,7 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
     The keys must be integers below ``count``.
     """
     first = np.full(count, len(keys), dtype=np.int32)
-    # If keys are equal, the value that is written last stays.
+    # Among equal keys, the value that is written last remains.
     first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)
     return np.sort(first[first < len(keys)])
 

@@ -80,7 +80,7 @@ def to_bytes(imported: Imported) -> bytes:
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:
-    """Write arrays to an archive with reproducible bytes. np.savez would also store the current time in it."""
+    """Write arrays to an archive with reproducible bytes. np.savez would store the current time in the archive."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):
@@ -114,7 +114,7 @@ _UNREADABLE = (
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
     """Return the arrays in an archive. The sizes declared in the archive are checked before anything is unpacked."""
-    if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
+    if not data.startswith(b"PK\x03\x04"):  # zipfile would accept a file in which other bytes precede the archive
         raise ValueError("the file does not begin with the signature of an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()

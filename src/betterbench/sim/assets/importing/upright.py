@@ -137,7 +137,8 @@ def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity |
     """Determine which axis points up, using the file format or the hollow of an object that is open at the top.
 
     Returns:
-        The axis, the hollow (None if the object has none, or if it does not matter), and notes that explain the choice.
+        The axis, the hollow (None if the object has none, or if the hollow does not affect the choice), and notes that
+        explain the choice.
     """
     axes = [mesh_up] if (mesh_up := sized.up) is not None else ["z", "y"]
     may_turn = kind is not None and kind.is_open

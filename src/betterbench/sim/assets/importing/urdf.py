@@ -42,7 +42,7 @@ def read_urdf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
         root: The ``robot`` element of the file.
         files: Resolver for the file's folder.
         where: Name of the file, for messages.
-        freeze: Whether movable joints are fixed at position 0. If False, movable joints are an error.
+        freeze: Whether movable joints are fixed at position 0. If False, a movable joint raises an error.
 
     Raises:
         InvalidInputError: If the file does not describe one rigid body, or has an unsupported part.
@@ -126,7 +126,7 @@ class _Reader:
         roots = [name for name in links if name not in above]
         if len(roots) != 1:
             found = (
-                "its joints form a ring"
+                "its joints form a closed loop"
                 if not roots
                 else (f"its links {roots[0]!r} and {roots[1]!r} are not connected by a joint")
             )
@@ -137,7 +137,7 @@ class _Reader:
             while name not in poses:
                 chain.append(above[name])
                 if len(chain) > len(links):
-                    raise self._wrong("its joints form a ring")
+                    raise self._wrong("its joints form a closed loop")
                 name = above[name].parent  # noqa: PLW2901 - the way up
             for joint in reversed(chain):
                 poses[joint.child] = poses[joint.parent] @ joint.origin

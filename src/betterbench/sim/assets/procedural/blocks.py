@@ -12,7 +12,7 @@ from betterbench.sim.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, ji
 from betterbench.sim.assets.authoring.solids import solid_box
 from betterbench.sim.assets.procedural.stapler_outline import stapler_size
 
-_BARE: Rgb = (0.85, 0.68, 0.46)  # bare beech
+_BARE: Rgb = (0.85, 0.68, 0.46)  # color of bare beech
 
 
 def _painted_wood(
@@ -91,7 +91,7 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
 
 @generator("stapler_block", colors=("black", "red", "blue"), family="stapler")
 def stapler_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a solid painted wooden block with the length, width and height of a stapler, but without a gap or metal.
+    """Make a solid painted wooden block with the size of a stapler, but without a gap or metal parts.
 
     The paint is worn off along the edges and at the ends, so that bare wood shows. At this size, a block of beech (700
     kg/m^3) would weigh 0.15 to 0.19 kg. This block weighs as much as a stapler (0.2 to 0.25 kg), as if it were made of

@@ -107,7 +107,7 @@ def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     top = Turned(radii, (*low, *high, height - 0.0004, height), 18, 55.0, wrap=False)
     canvas = body.canvas(shade, (128, 128))
     canvas.brighten(0.94 if color == "white" else 0.84, body.rows[4])
-    # An S for salt on each half of the body.
+    # Draw an S for salt on each half of the body.
     middle = (0.5 * canvas.width, body.rows[2] + 0.46 * shoulder)
     write_word(canvas, "S", middle, height=0.027, ink=(0.12, 0.14, 0.20), weight=0.19)
     picture = Canvas(2.0, 2.0, (96, 96), (0.60, 0.61, 0.64))
@@ -145,7 +145,7 @@ def jam_jar(rng: np.random.Generator, color: str) -> Draft:
     radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))
     jam = jittered({"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[color], rng, amount=0.10)
     neck, faces = rng.uniform(0.78, 0.92) * radius, int(rng.choice([22, 22, 6, 8]))
-    wide = rng.uniform(0.90, 1.0)  # width of the foot relative to the body, because some jars widen upward
+    wide = rng.uniform(0.90, 1.0)  # width of the foot relative to the body; below 1 if the jar widens upward
     radii = (0.0, wide * radius - 0.004, wide * radius, radius, 0.95 * radius, neck, neck, 0.0)
     z = (0.0, 0.0, 0.0045, low - 0.0090, low - 0.0040, low - 0.0010, low + 0.001, low + 0.001)
     crease = 40.0 if faces > 12 else 25.0

@@ -22,7 +22,7 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
     bun, seeds = jittered(BUN, rng, amount=0.14), int(rng.choice([0, 18, 26, 34]))
     lettuce_below, with_tomato = rng.random() < 0.4, rng.random() < 0.75
     base = rng.uniform(0.0125, 0.0150)
-    patty = base + rng.uniform(0.0095, 0.0120)  # height of its top [m]
+    patty = base + rng.uniform(0.0095, 0.0120)  # height of the patty's top [m]
     low = patty + (0.0085 if with_tomato else 0.0055)
     leaf = base + 0.0006 if lettuce_below else low - 0.0012
     radii = (0.0, 0.90 * radius, radius, 0.985 * radius, 0.0)

@@ -104,7 +104,7 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         middle = root + out * size * t * 0.9 + lift * size * curl * t * t
         reach = side * size * 0.62 * width
         fold = lift * size * 0.22 * (1.0 - t)
-        # A sheet of 0.8 mm, folded along its middle line.
+        # The corner is a sheet 0.8 mm thick that is folded along its middle line.
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
     # A corner reaches at most 2.5 mm beyond the box of the ball.
@@ -117,7 +117,7 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
     """Return the mesh of the ball. It has flat areas between sharp folds, deep creases, and tips that stick out."""
     directions, faces = _sphere(5)
     n = len(directions)
-    # Flat areas: the ball is cut off by randomly placed planes.
+    # Randomly placed planes cut off parts of the ball, which leaves flat areas.
     planes = rng.standard_normal((16, 3))
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = rng.uniform(0.84, 1.0, 16)

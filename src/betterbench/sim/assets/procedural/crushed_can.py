@@ -15,7 +15,7 @@ from betterbench.sim.assets.procedural.can import DESIGNS, can_shell, draw_label
 
 _SIDES = 18
 _RADIUS = 0.0300
-_CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
+_CAN = can_shell(_RADIUS, 0.115, 0.0115)  # shape of the can before it was crushed
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +111,8 @@ def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
     """
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
-    # Each station has a radius [m], a fraction of the length, and a texture row. They run from the bottom to the lid,
-    # which is pushed in.
+    # Each station has a radius [m], a fraction of the length, and a texture row. The stations run from the bottom to
+    # the lid, which is pushed in.
     stations = [(0.0, 0.03, 0.0), (0.75 * _RADIUS, 0.0, rows[1])]
     stations += [(r, 0.07 + 0.80 * t, row) for r, t, row in body]
     stations += [(0.83 * _RADIUS, 0.985, rows[4]), (0.79 * _RADIUS, 1.0, rows[6]), (0.73 * _RADIUS, 0.955, rows[7])]
@@ -155,6 +155,6 @@ def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
         points = [(x, y), (x + rng.uniform(-0.02, 0.02), y + rng.uniform(-0.018, 0.018))]
         canvas.line(points, 0.0022, (0.90, 0.91, 0.92), strength=0.85)
         canvas.line([(a + 0.0022, b + 0.0015) for a, b in points], 0.0020, (0.15, 0.04, 0.04), strength=0.45)
-    # The drinking hole, on one side of the lid.
+    # Draw the drinking hole on one side of the lid.
     hole = canvas.between(lid + 0.15 * (end - lid), lid + 0.72 * (end - lid)) & (canvas.x > 0.72 * canvas.width)
     canvas.paint(hole, (0.10, 0.10, 0.11))

@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.solids import foot_square, solid_box, stan
 _WALL, _COLORS = 0.0028, ("blue", "red", "white", "yellow")
 _BANDS = {"band": ((0.50, 0.78),), "rim": ((0.86, 2.0),), "stripes": ((0.30, 0.42), (0.58, 0.70))}
 _FORMS = {
-    # Fractions of the radius at four fractions of the height.
+    # # Radii of the cup at four heights, as fractions of the largest radius.
     "flared": (0.66, 0.80, 0.91, 1.0),
     "round": (0.80, 0.94, 0.985, 1.0),
     "tulip": (0.84, 0.95, 0.945, 1.0),
@@ -59,7 +59,8 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
         tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware"),
         mass_kg=round(0.165 * size**2 * height / 0.057, 4),
         material="ceramic",
-        # The loop is mostly air, and the solid foot represents a thin floor.
+        # The densities are low for the loop, which is mostly air, and for the solid foot, which represents a thin
+        # floor.
         densities=(0.4, 0.4, 1.0, 0.35),
         parts=(
             part("shell", shell.mesh().moved(x=axis), glaze, specular=0.5, shininess=0.6),

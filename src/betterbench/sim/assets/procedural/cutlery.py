@@ -33,7 +33,7 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
     steel cutlery. This is necessary because the gripper reaches 12 mm below the center of its pads and therefore cannot
     grasp objects lower than 10 mm from a table.
     """
-    half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
+    half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # half a tine's width
     count = int(rng.choice([3, 4, 4]))
     metal = jittered(_METAL[color], rng, amount=0.04)
     root, pitch = -_HALF + tines, 2.0 * (half_width - tine) / (count - 1)
@@ -59,7 +59,7 @@ def spoon(rng: np.random.Generator, color: str) -> Draft:
     half_width, half_length, depth = uniforms(rng, (0.0160, 0.0195), (0.0225, 0.0290), (0.0080, 0.0110))
     metal, center = jittered(_METAL[color], rng, amount=0.04), -_HALF + half_length
     angle = 2.0 * math.pi * np.arange(18) / 18
-    # Egg-shaped: blunt toward the tip, pointed toward the neck.
+    # The bowl is egg-shaped: blunt toward the tip, pointed toward the neck.
     x = np.cos(angle)
     y = np.sin(angle) * (1.0 - rng.uniform(0.0, 0.22) * x)
     under = ((0.45, 0.0, 0.0), (0.76, 0.18 * depth, 0.0), (0.95, 0.62 * depth, 0.0), (1.0, depth, 0.0))
@@ -105,13 +105,13 @@ def _piece(
         reach: Half the width of the part of the head that touches the table [m].
         head_end: Position along x at which the head stops touching the table [m].
         sizes: Parameters of the head, which are stored in the asset.
-        rim: Collision shape of the raised part of the head, if it is wider than the part that touches the table.
-            Otherwise None.
+        rim: Collision shape of the raised part of the head. None if this part is not wider than the part that touches
+            the table.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]
     plastic = jittered(paints[int(rng.integers(len(paints)))], rng, amount=0.12)
-    # The handle narrows toward the head by the swell, and toward its end by the taper.
+    # The handle narrows by ``swell`` toward the head, and by ``taper`` toward its end [m].
     rivets, swell, taper = (
         style in ("dark", "wood") and rng.random() < 0.7,
         *uniforms(rng, (0.0, 0.0026), (0.0, 0.0022)),

@@ -28,9 +28,10 @@ _SLATE: Rgb = (0.25, 0.29, 0.34)
 _BOARD = 0.009  # top, bottom, shelf and back [m]
 _SIDE = 0.012  # thickness of the sides, which support the slides [m]
 
-# Sizes of the drawer [m]. The drawer is lower than its opening: by the play below it, and by some 16 mm above its rim.
+# Sizes of the drawer [m]. The drawer is lower than its opening: there is play below it, and a gap of about 16 mm above
+# its rim.
 _PLAY = 0.0015
-_FRONT_GAP = 0.002  # between the closed front panel and the carcass
+_FRONT_GAP = 0.002  # gap between the closed front panel and the carcass
 _PANEL = 0.012
 _WALL, _REAR, _FLOOR, _RIM = 0.008, 0.006, 0.006, 0.054
 
@@ -89,7 +90,7 @@ class _Style:
         pale, deep = mixed(shade, (1.0, 1.0, 1.0), 0.35), shaded(shade, 0.80 if color != "white" else 0.95)
         fronts = (shade, pale, deep)[tone]
         top = (shade, _OAK if color != "brown" else deep, _SLATE)[roof]
-        # Dark handles on light fronts, bright ones on dark fronts.
+        # Light fronts get dark handles, and dark fronts get bright ones.
         light = sum(fronts) > 1.35
         metals = ((0.08, 0.08, 0.09), (0.36, 0.20, 0.09)) if light else ((0.93, 0.78, 0.40), (0.92, 0.93, 0.94))
         seed, card = int(rng.integers(2**31)), rng.random() < 0.4
@@ -230,7 +231,7 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
     """
     s = _Style.draw(rng, color)
     front, back, half_y = s.half_drawer, -s.half_drawer, s.inside_half_y + _WALL
-    panel = front - _PANEL  # its inner face
+    panel = front - _PANEL  # position of the panel's inner face
     panel_half_y, panel_height = s.half_y - 0.002, s.opening + 0.0045
     size, middle = (s.inside_x, _WALL, _RIM), back + _REAR + 0.5 * s.inside_x
     flanks = [box(size, (middle, y * (half_y - 0.5 * _WALL), 0.5 * _RIM)) for y in (-1, 1)]
@@ -303,7 +304,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
     seen = np.unique(mesh.faces[normals[:, 0] > 0.9 * np.linalg.norm(normals, axis=1)])
     others = np.setdiff1d(np.arange(len(uv)), seen)
     uv[others] = 0.5 + 0.02 * (uv[others] - 0.5)
-    uv[others, 1] -= 0.22  # below the card
+    uv[others, 1] -= 0.22  # the part of the texture below the card
     return Mesh(mesh.vertices, mesh.faces, uv)
 
 
@@ -323,7 +324,7 @@ def _front(s: _Style, width: float, height: float) -> Canvas:
     elif s.front == "band":
         canvas.paint(canvas.between(height - 0.0150, height - 0.0085), dark, strength=0.7)
     if s.card:
-        # A holder for a card, as on the drawers of an office.
+        # Draw a card holder, as on office drawers.
         away = np.maximum(np.abs(x - 0.5 * width) / 0.026, np.abs(y - 0.62 * height) / 0.011)
         canvas.paint(away < 1.0, s.metal)
         canvas.paint(away < 0.84, (0.95, 0.94, 0.90))

@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, merge, prism, s
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.sim.assets.authoring.solids import foot_square, solid_box, spheroid
 
-# Color of the skin, and of the skin around the stalk, which the sun does not reach.
+# Colors of the skin and of the area around the stalk, which the sun does not reach.
 _APPLES: dict[str, tuple[Rgb, Rgb]] = {
     "red": ((0.70, 0.055, 0.06), (0.80, 0.52, 0.16)),
     "green": ((0.42, 0.62, 0.11), (0.52, 0.60, 0.20)),
@@ -95,7 +95,8 @@ def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: st
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height
     shoulder, cavity = solid.rows[8], solid.rows[9]
     if color == "red":
-        # Streaks from pole to pole, in which the paler color below shows through, mostly on the side away from the sun.
+        # Draw streaks from pole to pole, in which the paler color below shows through, mostly on the side away from the
+        # sun.
         shadow = np.clip(1.3 * np.abs(x[0] / width - 0.62) - 0.12, 0.0, 1.0) * blush
         weight = np.clip(0.15 + shadow, 0.0, 0.6)
         for _ in range(46):
@@ -185,7 +186,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
     canvas.paint(np.clip((canvas.y - canvas.height + 0.016) / 0.014, 0.0, 1.0), green, strength=0.75)
     canvas.paint(np.clip((0.012 - canvas.y) / 0.010, 0.0, 1.0), green, strength=0.6)
     canvas.paint(canvas.y < 0.0042, (0.40, 0.34, 0.14))
-    # Turned so that the seams of the mirrored texture lie at the sides and the axis along +x.
+    # The mesh is turned so that its axis points along +x and the seams of the mirrored texture are at the sides.
     mesh = creased(solid.facing_front(0.0, radius), 80.0)
     lying = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
     return Draft(
@@ -224,7 +225,7 @@ def mangosteen(rng: np.random.Generator, _color: str) -> Draft:
     canvas = solid.canvas(rind, (192, 192), width=math.pi * radius)
     canvas.grain(rng, cells=(10, 10), amount=0.12)
     canvas.grain(rng, cells=(50, 50), amount=0.05)
-    # Dried latex: pale specks and scratches.
+    # Dried latex leaves pale specks and scratches.
     rows = (0.10 * canvas.height, 0.80 * canvas.height)
     canvas.spots(rng, 34, (0.46, 0.33, 0.22), radius=(0.0003, 0.0008), rows=rows, stretch=1.8)
     canvas.paint(canvas.y < 0.0045, (0.24, 0.16, 0.10), strength=0.8)

@@ -85,7 +85,8 @@ def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, s
     x, y = canvas.x, canvas.y
     dark, light = shaded(willow, 0.42), mixed(willow, (1.0, 0.95, 0.82), 0.35)
     outside, inside, rim = y < low_edge, canvas.between(high_edge, floor), canvas.between(low_edge, high_edge)
-    # At each height, both sides of the wall have the same row of strands, which thus seem to continue through it.
+    # At each height, both sides of the wall show the same row of strands, so the strands seem to continue through the
+    # wall.
     share = np.where(inside, 1.0 - (y - high_edge) / (floor - high_edge), (y - foot) / (low_edge - foot))
     across = x / canvas.width * 0.5 * stakes
     row = np.floor(share * rows)

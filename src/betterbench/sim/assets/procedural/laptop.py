@@ -134,7 +134,7 @@ def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper
         canvas.paint(frame, (0.97, 0.97, 0.98))
         canvas.paint(frame & (v > 0.88), titles[k])
         if k == 1:
-            # A chart of bars.
+            # Draw a bar chart.
             for bar, share in enumerate(rng.uniform(0.2, 0.65, 5).tolist()):
                 column = (np.abs(u - 0.18 - 0.16 * bar) < 0.05) & (v > 0.10) & (v < 0.10 + share)
                 canvas.paint(frame & column, (0.95, 0.55, 0.15))

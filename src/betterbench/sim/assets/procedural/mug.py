@@ -16,10 +16,10 @@ def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug with a filled collision shape. Its handle points along +x.
 
     A stoneware mug of 0.3 l is 70 to 75 mm wide and 80 to 90 mm high, and weighs 0.25 to 0.35 kg. These mugs are light,
-    because a light mug tilts less when it is held by its handle. The flat handle leaves room for a finger of 20 mm. If
-    the hand of a gripper is 45 mm above its pads, it does not touch the rim.
+    because a light mug tilts less when it is held by its handle. The flat handle leaves room for a finger of 20 mm. A
+    gripper whose hand is 45 mm above its pads does not touch the rim.
     """
-    radius, height, bar = uniforms(rng, (0.0338, 0.0372), (0.080, 0.090), (0.0540, 0.0575))  # bar: its x from the axis
+    radius, height, bar = uniforms(rng, (0.0338, 0.0372), (0.080, 0.090), (0.0540, 0.0575))  # bar: x coordinate
     thick, depth, low = uniforms(rng, (0.0105, 0.0130), (0.0080, 0.0095), (0.010, 0.022))
     form, decoration = str(rng.choice(list(FORMS))), str(rng.choice(DECORATIONS))
     shade, half, end = jittered(PALETTE[color], rng, amount=0.14), thick / 2, bar + depth / 2

@@ -74,7 +74,7 @@ def _plate(
     scallops, depth = int(rng.choice([0, 0, 0, 10, 14])), rng.uniform(0.008, 0.014)
     enameled, thickness = bool(rng.random() < 0.35), rng.uniform(0.0025, 0.0030)
     glaze, r, foot = _Glaze(rng, color, edge=enameled), radius, foot_share * radius
-    # From the foot over the sloped underside and the upright edge to the well.
+    # The profile runs from the foot over the sloped underside and the upright edge to the well.
     outer = (0.0, foot, foot + 0.0010, r - 0.0060, r - flare, r, r - 0.5 * _LIP)
     rising = (0.0, 0.0, 0.0030, FLOOR_M - 0.0020, FLOOR_M + 0.0020, RIM_M - 0.0010, RIM_M)
     inner = (r - _LIP, r - _LIP - flare - 0.0010, well * r + 0.004, well * r, 0.0)
@@ -178,8 +178,8 @@ class _Glaze:
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng
-        # The decoration of white tableware is gray, sand or brown, which are not colors of plates in the suite. That
-        # of other tableware is a pale tint.
+        # The decoration of white tableware is gray, sand or brown, which are not colors of plates in the suite. The
+        # decoration of other tableware is a pale tint.
         inks = ((0.42, 0.43, 0.45), (0.66, 0.55, 0.36), (0.40, 0.27, 0.17))
         chosen = inks[int(rng.integers(3))]
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)

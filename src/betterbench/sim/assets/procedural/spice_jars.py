@@ -47,7 +47,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     canvas = shape.wrap(content)
     canvas.grain(rng, cells=(50, 64), amount=0.30 if color == "black" else 0.03)
     up = canvas.height_on_wall
-    # The thick glass base, the empty neck, and the highlights on its round sides.
+    # Paint the thick glass base, the empty neck, and the highlights on the round sides.
     glass = mixed((0.66, 0.73, 0.73), content, 0.45)
     canvas.paint((up < 0.003) | (up > shape.body - 0.0015), glass)
     for share, thick, strength in ((0.10, 0.0012, 0.40), (0.88, 0.0008, 0.30)):
@@ -118,7 +118,8 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     ribbed = 0.84 + 0.16 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width))
     cap.shade(np.where(cap.between(low_row + 0.002, high_row - 0.001), ribbed, 1.0))
     cap.shade(np.where(cap.y < low_row + 0.002, 0.88, 1.0))
-    # The lid of a push-and-turn cap is set into its rim. It has no marks, which would look like the holes of a shaker.
+    # The lid of a push-and-turn cap is set into its rim. It has no marks, because marks would look like the holes of a
+    # shaker.
     cap.shade(np.where(cap.y > edge + 0.004, 0.93, 1.0))
     return _bottle(
         shape,
@@ -185,7 +186,7 @@ class _Shape:
         self._radii = (0.0, r - 0.0018, r, r, belly, upper, min(upper, 0.0185))
         self._heights = (0.0, 0.0, 0.0025, 0.55 * low, knee, low - 0.0015, low + 0.0005)
         wide = min(r, max(neck + 0.0015, 0.0190)) if form in ("shoulder", "cone") else r - 0.0010
-        # Collision shape: below and above the knee, where the pads grasp it.
+        # Radius and upper end of each cylinder of the collision shape. Two cylinders meet at the knee.
         self.touched = (
             ((r, knee), (max(wide, neck), self.height)) if form in ("shoulder", "cone") else ((r, self.height),)
         )

@@ -95,7 +95,7 @@ def _corner(center: float, angle: float) -> CollisionPart:
 
     The hole is centered at y = ``center``, and the corner is in the direction ``angle`` [rad].
     """
-    depth = 0.0049  # half the depth; the box reaches the corner of the square, 0.41 apothems behind its side
+    depth = 0.0049  # half the depth of the box, which reaches into the corner of the square
     away, half = _APOTHEM + depth, (depth, _APOTHEM * math.tan(math.pi / 8.0), 0.5 * _DEPTH)
     middle = (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH)
     return CollisionPart("box", half, middle, from_yaw(angle))
@@ -158,7 +158,7 @@ def _digits(plate: Rgb, ink: Rgb) -> Canvas:
     """Draw the three digits side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
-        # The digit is equally wide on the plate in front, where it is as high as the plate, and on the plate on top.
+        # The plates on the front and on the top show the same texture, and the digit has the same width on both.
         write_word(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
     return canvas
 

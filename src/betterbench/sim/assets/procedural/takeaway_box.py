@@ -50,7 +50,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
 
 def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
     """Return the mesh of the box, and the fraction of the texture's width at which the front ends."""
-    long, short = 16, 10  # segments along y and along x; even, so that each side has a midpoint
+    long, short = 16, 10  # even numbers of segments along y and along x, so that each side has a midpoint
     corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
     plan = []
     for (ax, ay), (bx, by), count in zip(corners, [*corners[1:], corners[0]], (long, short) * 2, strict=True):
@@ -121,7 +121,7 @@ def _print(
         _sign(canvas, sign, (u, middle), ink, kraft)
     canvas.paint(outside & (np.abs(y - 0.09 * height) < 0.0022), ink, strength=0.8)
     edge = front * half_perimeter
-    # Folds: at the corners, in the middle of the narrow side, and across, where the board was folded flat.
+    # Draw folds at the corners, in the middle of the narrow side, and across the board where it was folded flat.
     for at in (edge, half_perimeter - edge):
         canvas.paint(outside & (np.abs(x - at) < 0.0022), shaded(kraft, 0.80), strength=0.7)
     canvas.paint(outside & (np.abs(x - 0.5 * half_perimeter) < 0.0020), shaded(kraft, 0.72), strength=0.8)

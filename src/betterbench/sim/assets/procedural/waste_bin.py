@@ -19,7 +19,7 @@ _FINISHES = ("mesh", "plain", "slots", "ribs", "plain")
 
 @generator("waste_bin", colors=("black", "gray", "blue"))
 def waste_bin(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open waste bin that widens toward its rim. It is round or square, and of wire mesh or plastic.
+    """Make an open waste bin that widens toward its rim. It is round or square and made of wire mesh or plastic.
 
     Most bins have a bag that is folded over the rim. Plastic bins have the three recycling arrows on their front. Bins
     of 3 to 5 l for tables and desks are 18 to 22 cm wide and 12 to 25 cm high, and weigh 0.3 to 0.7 kg. This bin is
@@ -51,7 +51,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     else:
         seen += [part("bin", _squared(shell.mesh(), corner), picture, specular=0.25)]
     inner_low = foot - _WALL
-    # The widest upright box from floor to rim that fits between the walls at the floor.
+    # The inside is the widest upright box from floor to rim that fits between the walls at the floor.
     inside, half = 0.5 * (height - _FLOOR), (0.92 if square else 0.78) * inner_low
     shape = "square" if square else "round"
     top = rim - 0.003
@@ -74,7 +74,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return one factor per side of a round body. Multiplying the radius by them makes the body a rounded square."""
+    """Return one factor per side by which the radius of a round body is multiplied to make it a rounded square."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share
@@ -143,7 +143,8 @@ def _pattern(
     canvas = shell.canvas(shade, (256, 256), width=half)
     x, y = canvas.x, canvas.y
     inside = y > lip
-    # At each height, both sides of the wall have the same row of the pattern, so that it seems to continue through it.
+    # At each height, both sides of the wall show the same row of the pattern, so the pattern seems to continue through
+    # the wall.
     share = np.where(inside, 1.0 - (y - lip) / (floor - lip), (y - foot) / (top - foot))
     up = share * (top - foot)
     wall, field = (share > 0.0) & (share < 1.0), (share > 0.08) & (share < 0.94)

@@ -238,7 +238,8 @@ _GRIPPER_STIFFNESS = 5000.0
 """Stiffness of the gripper servo [N/m]. The force limit is reached when the command is 8 mm inside the object."""
 
 _GRIPPER_DAMPING = 60.0
-"""Damping of the gripper servo [N s/m]. 34 would be critical for 0.115 kg per finger. More avoids oscillation."""
+"""Damping of the gripper servo [N s/m]. Critical damping for 0.115 kg per finger is 34. The larger value avoids
+oscillation."""
 
 _GRIPPER_FORCE_N = 40.0
 """Force of each pad [N].
@@ -266,9 +267,9 @@ PANDA = RobotSpec(
     joint_low=(-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973),
     joint_high=(2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973),
     joint_velocity=(2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61),
-    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are limited to 50: enough for their
-    # accelerations, while a blocked arm pushes cautiously (Franka's examples stop the real arm at contact torques of
-    # 20-40 N m).
+    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are limited to 50 N m here. This is
+    # enough for their accelerations, but a blocked arm pushes less hard (Franka's examples stop the real arm at contact
+    # torques of 20-40 N m).
     joint_effort=(50.0, 50.0, 50.0, 50.0, 12.0, 12.0, 12.0),
     gripper_opening_m=0.08,
     pad_size_m=(2.0 * PAD_HALF_SIZE[0], 2.0 * PAD_HALF_SIZE[2]),
@@ -301,10 +302,10 @@ PANDA = RobotSpec(
         (0.0, 0.5, 0.5, -0.3, 0.5, 0.6, 0.0),
         (0.0, 0.5, -0.5, -0.3, -0.5, 0.6, 0.0),
     ),
-    # Like a depth camera mounted at the flange. In the hand frame, z points out between the fingers (fingertips at
-    # about 0.11 m), y is the finger opening direction, and x points away from the robot when the hand points down. The
-    # camera looks past the fingers at the object to grasp. With the hand pointing down, up in the image is away from
-    # the robot and left is the robot's left.
+    # The camera is placed like a depth camera mounted at the flange. In the hand frame, z points out between the
+    # fingers (fingertips at about 0.11 m), y is the finger opening direction, and x points away from the robot when the
+    # hand points down. The camera looks past the fingers at the object to grasp. With the hand pointing down, up in the
+    # image is away from the robot and left is the robot's left.
     wrist_camera=CameraMount((0.068, 0.0, 0.020), (0.035, 0.0, 0.16), (1.0, 0.0, 0.0), 70.0),
     front_camera=None,
     workspace=Workspace(

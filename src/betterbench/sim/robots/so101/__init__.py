@@ -236,15 +236,15 @@ _MOVING_PAD = Shape("box", (-0.0073, -0.0562, 0.0189), (0.003, 0.0262, 0.006), t
 _TOOL_X, _TOOL_Z = 0.0165, -0.094
 """Position of the tool center point in the gripper's frame [m].
 
-It is 10 mm from the tip of the fixed jaw and 26 mm from its face, so that a fruit of 52 mm between the jaws is centered
-on it.
+The point is 10 mm from the tip of the fixed jaw and 26 mm from that jaw's face, so that a fruit 52 mm wide between the
+jaws is centered on the point.
 """
 _FACE_X = -0.0094
 """Position of the fixed pad's face at the height of the tool center point, in the gripper's frame [m]."""
 
 _JAW_LOW, _JAW_HIGH = -0.174533, 1.745329
 _LEVEL_X, _LEVEL_Y = -0.0114, -0.0706
-"""Point of the moving pad's face that is level with the tool center point at zero angle, in the jaw's frame [m]."""
+"""Point on the moving pad's face that is level with the tool center point at zero angle, in the jaw's frame [m]."""
 
 _ARM = SO101_MOTORS[:-1]
 _OPENING_M = 0.085
@@ -312,10 +312,11 @@ SO101 = RobotSpec(
         (1.0, 0.0, 0.0, 0.0, 2.5),
         (-1.0, 0.0, 0.0, 0.0, 2.5),
     ),
-    # TheRobotStudio's camera mount for a 32 x 32 mm module. With the field of view of MuJoCo Menagerie (48.5 degrees),
-    # only the fixed jaw would be in the image. With the usual wide lens, both jaws are.
+    # The pose is that of TheRobotStudio's camera mount for a 32 x 32 mm module. With the field of view of MuJoCo
+    # Menagerie (48.5 degrees), only the fixed jaw would be in the image. With the usual wide lens, both jaws are
+    # visible.
     wrist_camera=CameraMount((0.0, 0.055, -0.045), (0.0, 0.01722, -0.10393), (0.0, 1.0, 0.0), 70.0),
-    # Like a camera on a stand in front of the arm, as in LeRobot's kits.
+    # The camera is placed as on a stand in front of the arm, as in LeRobot's kits.
     front_camera=CameraMount((0.72, 0.0, 0.46), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 52.0),
     workspace=Workspace(
         carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19),
@@ -343,7 +344,7 @@ SO101 = RobotSpec(
             "1.3 degrees (Robonine, Backlash Compensation in STS3215 Servo Actuators)",
         ),
     ),
-    # Near its base, the arm folds until the wrist camera, or the gripper, is at the first link.
+    # Near its base, the arm folds so far that the wrist camera or the gripper comes close to the first link.
     kept_apart=(("camera", "base"), ("camera", "shoulder"), ("gripper", "shoulder"), ("moving_jaw", "shoulder")),
 )
 
@@ -400,7 +401,7 @@ def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
     gripper.add_site(
         name=SO101.tcp_site, pos=(_TOOL_X, 0.0, _TOOL_Z), quat=(0.0, half, half, 0.0), size=(0.004,) * 3, group=4
     )
-    fixed = gripper.add_body(name="fixed_jaw")  # a separate body, so that contacts distinguish jaw and palm
+    fixed = gripper.add_body(name="fixed_jaw")  # own body, so that its contacts differ from those of the palm
     for number, shape in enumerate(_FIXED_JAW_SHAPES):
         add_shape(fixed, shape, f"fixed_jaw_collision{number}")
     moving = add_link(gripper, _MOVING_JAW)

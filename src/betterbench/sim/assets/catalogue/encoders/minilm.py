@@ -178,7 +178,7 @@ def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
 
 @functools.cache
 def find_files() -> tuple[Path, Path] | None:
-    """Return the paths of the weights and the vocabulary. None if they are not installed."""
+    """Return the paths of the weights and the vocabulary, or None if they are not installed."""
     for name in DISTRIBUTIONS:
         try:
             files = importlib.metadata.files(name) or []
@@ -197,11 +197,11 @@ def find_files() -> tuple[Path, Path] | None:
 def _open(target: str) -> MiniLm:
     if target:
         raise InvalidInputError(
-            "encoder", f"{NAME} does not take a model name, got {target!r}", f"Use the name {NAME} alone"
+            "encoder", f"{NAME} does not take a model name, got {target!r}", f"Use only the name {NAME}"
         )
     files = find_files()
     if files is None:
-        raise missing_extra("The encoder minilm needs the extra assets, which is not installed", "assets")
+        raise missing_extra("The encoder minilm needs the optional extra `assets`, which is not installed", "assets")
     return _loaded(*files)
 
 
@@ -213,7 +213,7 @@ def _loaded(weights: Path, vocabulary: Path) -> MiniLm:
 register(
     EncoderKind(
         scheme=NAME,
-        summary="all-MiniLM-L6-v2 on numpy, with the weights of the extra assets; nothing is downloaded.",
+        summary="all-MiniLM-L6-v2 on numpy, with weights from the optional extra `assets`; nothing is downloaded.",
         open=_open,
     )
 )

@@ -24,7 +24,7 @@ SIDECARS = ("assets.json", "assets.csv")
 """Possible names of the sidecar file, which describes the assets in a folder."""
 
 MAX_FILE_BYTES = 512 << 20
-"""Largest file that is indexed [byte]."""
+"""Maximum size of a file that is indexed [byte]."""
 _MAX_SIDECAR_BYTES = 64 << 20
 _CURE = "See docs/asset-catalogue.md for its fields"
 

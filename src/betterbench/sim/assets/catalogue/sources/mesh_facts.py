@@ -22,7 +22,8 @@ from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 MAX_TEXT_BYTES = 64 << 20
-"""Maximum size of an OBJ or text STL file that is read [byte]. The facts about larger files are unknown."""
+"""Maximum size of an OBJ or text STL file that is read [byte]. Larger files are not read, so the facts about them stay
+unknown."""
 _MOST_NODES = 20_000
 _CURE = "Repair the file or remove it"
 
@@ -241,4 +242,5 @@ _READERS: dict[str, Callable[[Path], MeshFacts]] = {
     ".xml": _xml,
 }
 ENDINGS = tuple(_READERS)
-"""Extensions of possible asset files, best first. If an object has several files, the best one becomes its row."""
+"""Extensions of possible asset files, most preferred first. If an object has several files, its row describes the most
+preferred one."""

@@ -24,7 +24,8 @@ from betterbench.sim.assets.licenses import license_name
 
 NAME = "objaverse"
 MAX_JSON_BYTES = 512 << 20
-"""Maximum size of an unpacked annotation file [byte]. The real files have about 30 MB, object-paths.json.gz 80 MB."""
+"""Maximum size of an unpacked annotation file [byte]. The published files have about 30 MB, except
+``object-paths.json.gz``, which has 80 MB."""
 _CURE = "Download it again with the package objaverse"
 _LONGEST = 600
 """Maximum length of a stored description [characters]."""
@@ -60,7 +61,7 @@ class _Objaverse:
                 yield SourceItem(f"{NAME}/{uid}", mark, _reader(uid, annotation, categories.get(uid, ""), file))
 
     def _local_file(self, told: object) -> Path | None:
-        """Return the path of a model's mesh if it has been downloaded into the folder, and otherwise None."""
+        """Return the path of a model's mesh in the folder, or None if the mesh has not been downloaded."""
         if not isinstance(told, str) or "\0" in told:
             return None
         file = self.root / told

@@ -21,8 +21,8 @@ AUTHOR = "betterbench"
 def asset_address(entry_id: str) -> tuple[str, str, int]:
     """Parse the id of a catalogue row or of one variant, and return the category, the color and the variant number.
 
-    For example, "procedural/mug-red" is the id of a row, and "procedural/mug-red#3" is the id of a variant. For the id
-    of a row, the variant number is 0.
+    For example, "procedural/mug-red" is the id of a row, and "procedural/mug-red#3" is the id of a variant. If the id
+    is that of a row, the variant number is 0.
 
     Raises:
         InvalidInputError: If the id has a different form.
@@ -75,7 +75,7 @@ def _reader(category: str, color: str) -> Callable[[], CatalogueEntry]:
 def _open(target: str, options: SourceOptions) -> _Procedural:
     if target or options.license or options.author or options.name:
         raise InvalidInputError(
-            NAME, "it does not take a target, license, author or name", f"Use the address {NAME} alone"
+            NAME, "it does not take a target, license, author or name", f"Use only the address {NAME}"
         )
     return _Procedural()
 

@@ -58,7 +58,7 @@ from betterbench.sim.assets.importing.review.changes import (
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
 
 SAME_RAD, SAME_M, SAME_SHARE = 2e-3, 2e-4, 5e-3
-"""Tolerances when a value is compared with the value that the reviewer saw. The two can differ slightly because of
+"""Tolerances for comparing a value with the value that the reviewer saw. The two can differ slightly because of
 rounding and differences between CPUs."""
 
 ItemT = TypeVar("ItemT", Grasp, Region)

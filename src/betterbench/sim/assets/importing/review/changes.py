@@ -118,7 +118,7 @@ class NameChange:
 
 
 Change = PoseChange | ScaleChange | SupportChange | GraspChange | RegionChange | MassChange | NameChange
-"""A change of an object."""
+"""A change to an object."""
 Decision = Annotated[
     PoseChange | ScaleChange | SupportChange | GraspChange | RegionChange | MassChange | NameChange | Verdict | Undo,
     Field(discriminator="kind"),

@@ -71,7 +71,7 @@ class Review:
 _REVIEW = TypeAdapter(Review)
 
 History = DecisionHistory[Review]
-"""Active decisions about one object."""
+"""Decisions about one object that have not been undone."""
 
 
 class ReviewJournal(DecisionJournal[Review]):
