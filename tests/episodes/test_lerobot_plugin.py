@@ -43,7 +43,7 @@ def test_its_versions_are_those_of_betterbench():
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
-    """Both wheels, built as ``make wheel`` builds them."""
+    """All wheels of the project, built as ``make wheel`` builds them."""
     env = setup_environment.uv_environment(os.environ)
     try:
         uv = setup_environment.find_uv(env)
@@ -59,7 +59,7 @@ def wheels(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_wheel_has_the_name_that_lerobot_looks_for(wheels):
-    _, _, (_, wheel) = wheels
+    (wheel,) = (path for path in wheels[2] if path.name.startswith("lerobot_env_"))
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
         metadata = message_from_bytes(archive.read(next(n for n in names if n.endswith("METADATA"))))
@@ -74,7 +74,7 @@ def test_the_wheel_has_the_name_that_lerobot_looks_for(wheels):
 
 @pytest.fixture(scope="module")
 def packages(wheels, tmp_path_factory):
-    """A folder with both wheels installed, for a Python that has LeRobot 0.6 or newer."""
+    """A folder with the wheels installed, for a Python that has LeRobot 0.6 or newer."""
     python = os.environ.get("BETTER_LEROBOT_PYTHON")
     if python is None:
         pytest.skip("BETTER_LEROBOT_PYTHON names no Python with LeRobot 0.6, which needs Python 3.12")
