@@ -1,4 +1,4 @@
-"""Sentences on what several trials of a policy show together, and notes on what a run cannot show."""
+"""Sentences about findings from several trials of a policy, and notes about the limits of a run."""
 
 from __future__ import annotations
 

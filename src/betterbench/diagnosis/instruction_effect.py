@@ -52,12 +52,12 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ only in the instruction. The two instructions have different first targets.
+    """Return pairs of trials that differ only in the instruction and whose instructions have different first targets.
 
     Each trial is in at most one pair, so that the pairs are independent. A variation trial is paired with its
     counterfactual twin (the training trial with the same seed) if possible, otherwise with the first remaining trial
-    that has the same scene. Trials without a first grasp attempt are left out, and so are trials in which no object
-    should be grasped first.
+    that has the same scene. Trials without a grasp attempt are left out, and so are trials in which no object should be
+    grasped.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:

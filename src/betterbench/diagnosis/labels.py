@@ -1,4 +1,4 @@
-"""Choice of a trial's label from all the evidence in the trial."""
+"""Functions that gather all evidence in a trial and choose the trial's label."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LabelEvidence(NamedTuple):
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence in a trial, in label order.
 
-    If the trial succeeded, or if it ended for a reason other than the policy's decisions, only the evidence for this
+    If the trial succeeded, or if something other than the policy's decisions ended it, only the evidence for this
     outcome is returned. Otherwise, the evidence includes labels that the second pass must confirm.
 
     Returns:

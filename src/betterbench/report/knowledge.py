@@ -50,7 +50,7 @@ class KnowledgeView:
     """Comparison of what one model knows with what one policy does.
 
     Attributes:
-        roles: For each role that a question can have, a phrase that states how many answers were correct.
+        roles: Phrases that state how many answers were correct, one for each role that a question can have.
         known_failures: Keys of the failed trials in which the model knew the right decision.
         groups: Knowledge and behavior by axis, variation and failure mode.
         tested: Number of groups that were tested. Holm's correction is based on this number.

@@ -1,4 +1,4 @@
-"""Bisection search for the last number at which a condition holds."""
+"""Bisection search for the last number for which a condition holds."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """Return the p-values after adjustment by the step-down procedure of Holm (1979).
 
     If all hypotheses with an adjusted p-value below ``alpha`` are rejected, the probability of any false rejection in
-    the family is below ``alpha``, whatever the dependence among the tests. The ``i``-th smallest of ``m`` p-values is
-    multiplied by ``m - i + 1``. Adjusted values have the same order as the original values and are at most 1.
+    the family is below ``alpha``, regardless of the dependence among the tests. The ``i``-th smallest of ``m`` p-values
+    is multiplied by ``m - i + 1``. Adjusted values have the same order as the original values and are at most 1.
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):

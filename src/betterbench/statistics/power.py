@@ -149,9 +149,9 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest difference, up to ``room``, at which the power is sufficient, or None if there is none.
+    """Return the smallest difference, up to ``room``, with sufficient power, or None if there is none.
 
-    Bisection finds it, because the power grows with the difference.
+    It is found by bisection, because the power grows with the difference.
     """
     low, high = 0, int(np.floor(room * _STEPS + 1e-9))
     if power_at(high / _STEPS) < power:

@@ -49,7 +49,7 @@ class EProcess:
 
     @property
     def p_value(self) -> float:
-        """P-value that is valid at any time. It is the inverse of the largest evidence so far, but at most 1."""
+        """p-value that is valid at any stopping time: the inverse of the largest evidence so far, but at most 1."""
         return math.exp(-max(0.0, *self.logs)) if self.logs else 1.0
 
     @property

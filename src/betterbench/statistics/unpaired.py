@@ -11,8 +11,8 @@ from betterbench.statistics.rate import Rate
 _NUISANCE_POINTS = 257
 """Number of values of the unknown common rate over which a p-value is maximized.
 
-They are evenly spaced in the arcsine of the square root of the rate, where the standard error is constant. With sixteen
-times as many values, no Barnard p-value of 20 trials per arm changes by more than 0.00002.
+They are evenly spaced in the arcsine of the square root of the rate, where the standard error is constant. With 16
+times as many values, no Barnard p-value for 20 trials per arm changes by more than 0.00002.
 """
 
 _TIE = 1e-9
@@ -113,16 +113,16 @@ def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
 
 
 def _common_rates() -> npt.NDArray[np.float64]:
-    """Return the common rates to search, from above 0 to 1/2.
+    """Return the common rates over which a p-value is maximized. They are greater than 0 and at most 1/2.
 
-    Larger rates follow by swapping successes and failures.
+    Larger rates are covered by exchanging successes and failures.
     """
     rates: npt.NDArray[np.float64] = np.sin(np.linspace(0.0, np.pi / 4.0, _NUISANCE_POINTS)[1:]) ** 2
     return rates
 
 
 def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
-    """Return the largest probability of a set of outcomes over all success rates that both arms may have in common.
+    """Return the maximum probability of a set of outcomes over all common success rates of the two arms.
 
     Returns:
         The maximum over a grid of common rates. The grid is refined once around its best point.

@@ -97,7 +97,7 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Pretender (policy without the tested ability) that agrees most with the outcomes of the run, or None."""
+        """Pretender (policy without the tested ability) whose outcomes agree most with those of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property

@@ -41,7 +41,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class RefusalGroup:
-    """Rejected scenarios that failed for the same reason at the first attempt.
+    """Rejected scenarios whose first attempt failed for the same reason.
 
     Attributes:
         title: The reason.
