@@ -19,8 +19,8 @@ class Completeness:
         title: Title of the benchmark, for messages.
         n: Number of items in the data set.
         expected: Published number of items, or None if it is unknown or not fixed.
-        groups: Number of items and published number of each group, keyed by the name of the group. Groups without a
-            published number are left out.
+        groups: Number of items in the data set and published number for each group, keyed by the name of the group.
+            Groups without a published number are left out.
     """
 
     title: str

@@ -1,8 +1,8 @@
 """Test whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
 
 The illusion gap is the drop in a policy's success rate when the scene changes. The paper uses static evaluation of the
-policy's model as a proxy for how well the policy understands scenes. If this is valid, policies with a higher static
-score or a smaller static illusion gap have a smaller illusion gap in simulation.
+policy's model as a proxy for how well the policy understands scenes. If the proxy is valid, policies with a higher
+static score or a smaller static illusion gap have a smaller illusion gap in simulation.
 """
 
 from __future__ import annotations

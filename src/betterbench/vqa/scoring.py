@@ -47,7 +47,7 @@ def is_right(question: Question, answer: str | None) -> bool:
 def is_in_place(
     groups: Sequence[Sequence[float]], *, box: Sequence[float] | None, runs: tuple[int, ...] | None, width: int
 ) -> bool:
-    """Return whether an answer is a single box that sufficiently overlaps the true box, or a point on a visible pixel.
+    """Return whether an answer is a single box with enough overlap with the true box, or a point on a visible pixel.
 
     Args:
         groups: Numbers of each box or point in the answer [pixel].

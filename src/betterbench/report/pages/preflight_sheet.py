@@ -31,7 +31,9 @@ _DPI = 100
 _LETTERS = TextToPath()
 
 CLEAR_PX = 70.0
-"""Length up to which the arrow of the first action is enlarged [px], unless it reaches the largest factor before.
+"""Minimum length of the drawn arrow of the first action [px].
+
+A shorter arrow is enlarged by the smallest of :data:`FACTORS` that is sufficient, or else by the largest.
 """
 FACTORS = (1, 2, 5, 10, 20, 50)
 

@@ -1,6 +1,6 @@
-"""Kinds of models for ``better vlm``, which are recognized by the beginning of their address.
+"""Kinds of models for ``better vlm``. The beginning of a model's address determines its kind.
 
-A kind is one module with one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
+Each kind is a module that defines one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
 :mod:`~betterbench.vlm.models.hugging_face` (``hf:FOLDER``) and, in the package for learned policies,
 ``betterbench.learning.training.model_kind`` (``learned:CHECKPOINT``). The command line lists all kinds.
 """
