@@ -93,10 +93,7 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Parts into which the duration of a run is divided."""
 
 WAITED = 0.2
-"""Threshold for the fraction of time that workers spend waiting for the policy.
-
-At or above it, the policy or its messages count as the bottleneck.
-"""
+"""Fraction of the workers' waiting time from which on the policy or its messages count as the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)
