@@ -1,4 +1,4 @@
-"""Matching of trials across runs, with notes on the trials that are left out."""
+"""Matching of trials across runs, with notes about the trials that are left out."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the name of the object or empty slot that the first attempt of a trial is aimed at, or None.
+    """Return the name of the object or empty slot that is the target of a trial's first attempt, or None.
 
     A drawer that is moved to reach an object does not count as a first target.
     """

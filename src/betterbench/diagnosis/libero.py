@@ -1,4 +1,4 @@
-"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and notes on LIBERO's suites.
+"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and notes about LIBERO's suites.
 
 LIBERO's tasks have no conditions. The requested objects are read from the goal in the task file, and the initial
 positions from the record. The training distribution is read from the files of the base suite

@@ -96,7 +96,7 @@ class OwnReader:
         return ()
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return an empty tuple, because runs in betterbench's own scenes need no advice on other runs."""
+        """Return an empty tuple, because no other runs would improve the diagnosis in betterbench's own scenes."""
         del trials
         return ()
 
@@ -181,7 +181,7 @@ class OutcomeReader:
         return (f"In {self.title}, only the end of each trial is judged, not the cause of a failure.",)
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return an empty tuple, because there is no advice on other runs."""
+        """Return an empty tuple, because no other runs would improve the diagnosis."""
         del trials
         return ()
 
@@ -248,7 +248,7 @@ _READERS: Mapping[facts.Reading, Callable[[RunFolder], Reader]] = {
 
 
 def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield notes for runs in LIBERO-Plus, including a note on the variants that were not run."""
+    """Yield notes for runs in LIBERO-Plus, including a note about the variants that were not run."""
     if not any(axis_of(trial.variation) for trial in found.trials):
         return
     yield libero.PLUS_NOTE

@@ -47,7 +47,7 @@ from betterbench.diagnosis.thresholds import CLEARLY, ONE_ATTEMPT, ORDER_TRIALS,
 from betterbench.diagnosis.trial import Choice
 
 _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
-"""Rules of a policy that confuses the order of steps. It begins with any later step, the next step or the last step."""
+"""Rules of a policy that confuses the order of steps: begin with any later step, the next step, or the last step."""
 
 _PSEUDOCOUNT = 0.5
 """Prior number of tasks for each kind of rule (Jeffreys' prior of a multinomial)."""

@@ -27,7 +27,7 @@ class FolderClaim(Protocol):
         """Id of the thread that made the claim."""
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if the file at a path may not be replaced."""
+        """Raise RunConflictError if the file at a path must not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
         """Record a file, just before it is moved to its path."""

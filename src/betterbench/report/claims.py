@@ -1,4 +1,4 @@
-"""Statistical tests on which the conclusions about a policy are based, and the trials that would settle open ones."""
+"""Statistical tests of the conclusions about a policy, and the trials that would settle an open conclusion."""
 
 from __future__ import annotations
 

@@ -99,11 +99,11 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Conclusion about one policy for the top of the page, with the numbers behind it.
+    """Conclusion about one policy, with the numbers that support it, for the top of the page.
 
     Attributes:
         conclusion: One sentence that names the main fault, or says that no fault was found.
-        sentences: One or more sentences with the numbers behind the conclusion.
+        sentences: One or more sentences with the numbers that support the conclusion.
         family: Family of the main failure, such as "reasoning"; "right" if there is no failure. It determines the
             color.
         effect: Effect of the instruction, measured over pairs of trials that differ only in the instruction.
@@ -134,7 +134,7 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the training trials behind the illusion gap and all training trials differ in success rate."""
+        """Whether the training twins in the illusion gap have a different success rate than all training trials."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
@@ -206,7 +206,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of trials in which the rule behind a label led to a look-alike of the target.
+    """Return the number of trials in which the rule of a label led the policy to a look-alike of the target.
 
     Return 0 if there are fewer trials in which a look-alike was taken than trials with the label itself.
     """
@@ -293,7 +293,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the result of :func:`_conclusion` for the failures in variation trials alone."""
+    """Return the conclusion from the failures in variation trials alone, in the form of :func:`_conclusion`."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)

@@ -87,7 +87,7 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates behind a difference, e.g. "twins 67 %, variations 56 %".
+        """Return the two rates of a difference, e.g. "twins 67 %, variations 56 %".
 
         Return "" if there are none.
         """
@@ -120,7 +120,7 @@ class Figure:
         return f"{self.number(digits)}{THIN}%"
 
     def count(self) -> str:
-        """Return the counts behind the number ("149/240", "240 pairs", "no trials")."""
+        """Return the counts from which the number is computed ("149/240", "240 pairs", "no trials")."""
         if self.n is None:
             return "" if self.value is None else "by chance"
         if self.n == 0:

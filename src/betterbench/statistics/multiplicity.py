@@ -32,7 +32,7 @@ def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses:
 
     The procedure of Wang and Ramdas (Journal of the Royal Statistical Society B 84, 2022, 822-852) rejects the ``k``
     hypotheses with the most evidence, for the largest ``k`` at which each of them has an e-value of at least ``m /
-    (level k)``. The expected fraction of true hypotheses among the rejected ones is at most ``level``, for any
+    (level k)``. The expected fraction of true hypotheses among the rejected hypotheses is at most ``level``, for any
     dependence and any stopping time. If all ``m`` hypotheses are true, this bounds the probability of any rejection.
 
     Args:

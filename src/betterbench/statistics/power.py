@@ -24,9 +24,9 @@ DEFAULT_POWER = 0.8
 """Required probability of detecting a true difference. 80 % is the usual value for planning."""
 
 EXACT_ARM_LIMIT = 300
-"""Largest number of trials per arm for which the power is summed over all outcomes of Barnard's test (0.2 s and 0.7
-MB). For more trials, the normal approximation is used. At the limit, both give the same smallest difference to 0.1
-points.
+"""Maximum number of trials per arm for which the power is summed over all outcomes of Barnard's test (0.2 s and 0.7
+MB). For more trials, the normal approximation is used. At the limit, the two methods give the same smallest difference
+to 0.1 points.
 """
 
 _NEGLIGIBLE = 1e-20
@@ -45,7 +45,7 @@ class DetectableDifference:
         n: Number of trials or pairs.
         alpha: Two-sided level of the test.
         power: Required probability of detecting the difference.
-        assumption: Test and assumption behind the value, as a phrase for a caption.
+        assumption: Test and assumption on which the value is based, as a phrase for a caption.
     """
 
     value: float | None

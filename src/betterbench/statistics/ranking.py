@@ -72,7 +72,7 @@ def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
 
 
 EXACT_RANKS_UP_TO = 8
-"""Largest number of cases for which all orders are enumerated."""
+"""Maximum number of cases for which all orders are enumerated."""
 _DRAWN_ORDERS = 99_999
 _RESAMPLES = 10_000
 _MOST_COMPARED = 1 << 20

@@ -60,7 +60,7 @@ class EProcess:
 
 
 def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEFAULT_ALPHA) -> EProcess:
-    """Return the evidence from dependent pairs, such as two policies on the same trials.
+    """Return the evidence from dependent pairs, such as two policies' trials with the same seed.
 
     This is the sequential form of McNemar's test. If the two rates are equal, each discordant pair favors the first or
     the second with probability 1/2. The next discordant pair is predicted from the earlier pairs: with ``s`` of ``t``

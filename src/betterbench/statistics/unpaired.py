@@ -82,7 +82,7 @@ def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
     flat = _pooled_score(n, n).ravel()
     order = np.argsort(-flat, kind="stable")
     descending = flat[order]
-    # The p-value of an outcome includes all outcomes that are at least as extreme, and thus also ties.
+    # The p-value of an outcome includes all outcomes that are at least as extreme, including ties.
     last_tie = np.searchsorted(-descending, -descending * (1.0 - _TIE), side="right") - 1
     worst = np.zeros(flat.size)
     for rate in _common_rates():
@@ -145,6 +145,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Return whether the rates cannot be told apart, since an arm has no trials or all trials have the same outcome."""
+    """Return whether no test is possible, because an arm has no trials or all trials have the same outcome."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

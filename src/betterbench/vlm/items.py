@@ -128,7 +128,7 @@ class ItemSet:
         items: The items, in the order of the data.
         read: Function that returns the content of an image file, given the name of the image. The file has any format
             that Pillow reads.
-        files: SHA-256 of each file that items were read from, keyed by file name. The hashes are part of the content
+        files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
             hash.
         reference: Reference success rates for each group [%], such as those of guessing and of a classifier without
             access to the image.

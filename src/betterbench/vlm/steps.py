@@ -41,7 +41,7 @@ class Cell:
 
     Attributes:
         value: Headline number of the benchmark, as a fraction.
-        n: Number of items that the headline number is based on.
+        n: Number of items on which the headline number is based.
         run: Folder of the run.
         parts: Mean score of each group that is a column of the paper's table, keyed by the name of the group.
     """

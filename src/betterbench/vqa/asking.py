@@ -338,7 +338,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether new answers can be appended to a file. It must be empty or have the same first line."""
+    """Return whether new answers can be appended to a file, i.e. whether it is empty or has the same first line."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 

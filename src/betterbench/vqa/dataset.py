@@ -216,7 +216,7 @@ class QuestionSet:
         """Check that the set was made from the same records that the run contains now.
 
         Raises:
-            InvalidInputError: If a record of the run differs from the one that the set was made from.
+            InvalidInputError: If a record of the run differs from the record from which the set was made.
         """
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
@@ -585,7 +585,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the hashes of the records that a set was made from, or an empty dict if they are not stored."""
+    """Return the hashes of the records from which a set was made, or an empty dict if they are not stored."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

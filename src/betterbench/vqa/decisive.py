@@ -99,7 +99,7 @@ class DecisiveOptions:
         cameras: Cameras to try in order, until one of them shows the objects of a question.
         size: Side of the images [pixel].
         quality: Render quality of the images.
-        seed: Seed of the wordings and of the order of options.
+        seed: Seed for choosing the wordings and the order of the options.
         tasks: Tasks whose trials are used. Empty for all tasks.
         failures_only: Whether only failed trials are used.
     """

@@ -73,7 +73,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words about positions and states. A text with such a word must make one of the claims listed for it."""
+"""Words about positions and states. A text with such a word must make one of the word's claims."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [

@@ -34,7 +34,7 @@ def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "p
 
 
 def is_right(question: Question, answer: str | None) -> bool:
-    """Return whether an answer is correct. It must have the same format as the stored correct answer."""
+    """Return whether an answer, in the same format as the stored correct answer, is correct."""
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:

@@ -134,7 +134,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the index of the object that the open gripper comes down to, low enough to grasp it, or None.
+    """Return the index of the object to which the open gripper descends, low enough to grasp it, or None.
 
     Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
     must rarely be within reach of other objects.
@@ -225,8 +225,8 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the interval in which the open gripper repeatedly comes down on an object and rises again, or None.
 
-    The interval is given by its first and last row. It is None if this does not happen often enough. Contacts of a
-    closed gripper do not count, and neither do contacts with an object that is between the fingers.
+    The interval is given by its first and last row. The result is None if this does not happen often enough. Contacts
+    of a closed gripper do not count, and neither do contacts with an object that is between the fingers.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -450,7 +450,7 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object and the gripper moved in the same direction, and both far enough for a push."""
+    """Return whether a touched object and the gripper moved in the same direction and far enough for a push."""
     way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
     if lengths[0] < PUSH_TRAVEL or lengths[1] < PUSH_SHARE * PUSH_TRAVEL:

@@ -1,4 +1,4 @@
-"""Harm: changes to objects that the instruction does not ask for, and when they happen.
+"""Harm, i.e. changes to objects that the instruction does not ask for, and the times of these changes.
 
 A trial with harm is not a success.
 """

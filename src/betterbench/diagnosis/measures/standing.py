@@ -84,7 +84,7 @@ class Standing:
         expert: Agreement of the policy with the expert, or None if there is no matrix.
         margins: One margin for each variation that is in both the run and the matrix.
         covered: Number of variation trials that the matrix covers, out of all variation trials.
-        notice: Sentence that names missing data and how to obtain it. Empty if nothing is missing.
+        notice: Sentence that names the missing data and states how to obtain them. Empty if nothing is missing.
     """
 
     scores: dict[str, float]

@@ -48,7 +48,7 @@ PROVEN = 0.02
 WRONG = 1.5
 """Ratio of the two paths above which the conventions of an axis count as wrong.
 
-They also count as wrong if the ratio is below the inverse of this value.
+The conventions also count as wrong if the ratio is below the inverse of this value.
 """
 
 _IDLE_STEPS = 40

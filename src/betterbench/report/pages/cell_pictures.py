@@ -29,7 +29,7 @@ class CellPicture:
     """Picture in a cell of a diagnostic matrix.
 
     Attributes:
-        frame: Image of the picture: the main frame of a film strip, or the initial scene.
+        frame: Image that is shown: the main frame of a film strip, or the initial scene.
         text: Alternative text of the picture.
         film: Index of the film strip on the page; None for a scene.
     """

@@ -1,4 +1,4 @@
-"""Models behind a chat endpoint that uses OpenAI's protocol. Their address is ``URL#MODEL``."""
+"""Models that are served by a chat endpoint with OpenAI's protocol. Their address is ``URL#MODEL``."""
 
 from __future__ import annotations
 

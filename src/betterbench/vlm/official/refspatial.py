@@ -30,7 +30,7 @@ Point = tuple[int | float, int | float]
 class Rectangle:
     """Box in a reply. The program scores all pixels inside the box.
 
-    The box is given by its first column and row, and by the column and row after its last ones.
+    The box is given by its first column and row, and by the column and row after its last column and row.
     """
 
     left: int
