@@ -274,7 +274,7 @@ def _around() -> list[HeldFolder | RunLock]:
 
 
 def held_folders() -> tuple[HeldFolder, ...]:
-    """Return the folders that this process has locked, for worker processes that write below them."""
+    """Return the folders that this process has locked, for worker processes that write into these folders."""
     return tuple(found for lock in tuple(_HELD) if (found := lock.for_workers) is not None)
 
 

@@ -1,8 +1,8 @@
 """Baselines that do not see the image: the most frequent answer, and naive Bayes on the words of the question.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words, with add-one smoothing. See
-McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by
-cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this cell.
+McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. The classifier is
+tested by cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this cell.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ class LabelKnowledge:
         """Check that the counts add up to the number of trials.
 
         Raises:
-            InvalidInputError: If the counts do not add up to it.
+            InvalidInputError: If the counts do not add up to this number.
         """
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)

@@ -197,10 +197,10 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the faulty rules that fail a variation because of a wrong decision that it is designed to expose.
+        """Return the faulty rules that fail a variation because of a wrong decision that the variation should expose.
 
         A rule that passes the variation with a needless step is not included, because its success rate does not expose
-        it.
+        the rule.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())

@@ -49,7 +49,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find evidence that the first attempt is wrong and was made at a slot.
+    """Return evidence if the first attempt is wrong and is at a slot.
 
     The second pass decides whether the policy prefers this slot regardless of the instruction.
     """
