@@ -47,7 +47,7 @@ class Verdict(StrEnum):
     DROP = "drop"
     """The condition is solved less often than its twin."""
     NO_DROP = "no_drop"
-    """The condition's rate is at most slightly lower than the twin's rate, by less than the margin."""
+    """The drop of the condition's rate against the twin's rate is smaller than the margin."""
     NOT_LEARNED = "not_learned"
     """No drop was found, but the twin fails in most pairs, so a drop could hardly be detected."""
     OPEN = "open"

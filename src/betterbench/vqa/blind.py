@@ -2,7 +2,8 @@
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words, with add-one smoothing. See
 McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. The classifier is
-tested by cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this cell.
+tested by cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this
+cell.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class TrialKnowledge:
         roles: Whether all questions of a role (such as "where") were answered correctly, for each role with answers.
         deciding: Roles of the questions that show whether the model knew the right decision. They depend on the label.
         chance: Probability of answering all deciding questions correctly without an image. This is the probability of
-            guessing them or of inferring them from the wording, whichever is larger.
+            guessing the answers or of inferring them from the wording, whichever is larger.
         task: Name of the task. In files of earlier versions, this field and the next two are empty.
         variation: Name of the variation, or None for a training condition.
         axis: Variation axis, or None.
