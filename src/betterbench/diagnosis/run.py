@@ -137,7 +137,7 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Add the counterfactual twins of the planned trials, which are read from a run of the base suite."""
+    """Read the training twins of the planned trials from a run of the base suite, and add them to the trials."""
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]

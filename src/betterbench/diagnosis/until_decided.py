@@ -40,7 +40,7 @@ class UntilDecided:
 
     @property
     def summary(self) -> str:
-        """Sentence that states how many variations have each verdict."""
+        """Sentence that states the number of variations with each verdict."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"

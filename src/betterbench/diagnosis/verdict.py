@@ -227,7 +227,7 @@ class RunDiagnosis:
         trials: One entry for each diagnosed trial, finished or not, in the order of the plan.
         metrics: All metrics of the run.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
-        notes: Limits on what the run can show, one sentence each (missing pairs, smallest detectable difference).
+        notes: Limits of the run's evidence, one sentence each (missing pairs, smallest detectable difference).
         thresholds: Values of the thresholds, by name.
         versions: Versions found in the records, by name.
         waiting: Planned trials that a run in progress has not reached yet and that do not count. Empty if no process is

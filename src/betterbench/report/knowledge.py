@@ -1,4 +1,4 @@
-"""Table that compares what a model knows with what a policy does, for the report page."""
+"""Table that compares a model's knowledge with a policy's actions, for the report page."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class GroupRow:
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeView:
-    """Comparison of what one model knows with what one policy does.
+    """Comparison of one model's knowledge with one policy's actions.
 
     Attributes:
         roles: Phrases that state how many answers were correct, one for each role that a question can have.

@@ -78,7 +78,7 @@ def _interval(seen: tuple[float, ...], span: Span, confidence: float) -> Interva
 
 
 def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]:
-    """Count how often each value occurs. Raises InvalidInputError if a value or the mean is outside the span."""
+    """Count the occurrences of each value. Raises InvalidInputError if a value or the mean is outside the span."""
     counts = Counter(values)
     outside = [value for value in counts if not span[0] <= value <= span[1]]
     if outside:

@@ -1,4 +1,4 @@
-"""Tests for paired trials, such as a trial and its counterfactual twin, or two policies on the same seeds."""
+"""Tests for paired trials, such as a variation trial and its training twin, or two policies on the same seeds."""
 
 from __future__ import annotations
 

@@ -45,11 +45,11 @@ class Verdict(StrEnum):
     """Verdict on a question."""
 
     DROP = "drop"
-    """The condition is solved less often than its twin."""
+    """The condition is solved less often than its twin (the training condition on the same seeds)."""
     NO_DROP = "no_drop"
     """The drop of the condition's rate against the twin's rate is smaller than the margin."""
     NOT_LEARNED = "not_learned"
-    """No drop was found, but the twin fails in most pairs, so a drop could hardly be detected."""
+    """No drop was found, but the training twin fails in most pairs, so a drop could hardly be detected."""
     OPEN = "open"
     """The evidence is not yet sufficient for a verdict."""
 
@@ -83,7 +83,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether a condition is solved less often than its twin. Both are given by name."""
+    """Question of whether a condition is solved less often than its training twin. Both are given by name."""
 
     condition: str
     twin: str

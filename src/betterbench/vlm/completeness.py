@@ -35,7 +35,7 @@ class Completeness:
 
     @property
     def sentence(self) -> str:
-        """Sentence that describes what is missing. Empty if the data set is complete."""
+        """Sentence that describes the missing items. Empty if the data set is complete."""
         if self.is_complete:
             return ""
         differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]

@@ -117,7 +117,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group of the question. Together, they describe what the wording of the question reveals."""
+        """Family and group of the question. Together, they describe the information in the wording of the question."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:

@@ -24,7 +24,7 @@ OURS = OUR_SUITE
 """Name of the suite for runs in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
-"""Key for pairing trials with their twins and across policies: the task, and the index of the initial state.
+"""Key for pairing trials, with their twins in the base suite or across policies: task and index of the initial state.
 
 The index is the seed of the trial. In LIBERO-Plus, the task is the name of a variant
 ("libero_object-03/camera_0_0_100_2_4").

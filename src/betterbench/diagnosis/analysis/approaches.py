@@ -184,7 +184,7 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return how far the median of the second half of a series of heights is below that of the first half [m]."""
+    """Return the median of the first half of a series of heights minus the median of its second half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 

@@ -119,7 +119,7 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return how long a pause of this policy can be without being a halt, in rows of the trace.
+    """Return the maximum length of a pause of this policy that is not a halt, in rows of the trace.
 
     This is the length of its longest pause so far, or more than that if the policy has made several long pauses.
     """

@@ -58,7 +58,7 @@ def stays_in_place(tool: Floats, time: Floats, begin: int, *, within: float = HA
 
 
 def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
-    """Return the row where the gripper begins to move back and forth until the end, or None.
+    """Return the row from which the gripper moves back and forth until the end, or None.
 
     The positions have shape (T, 3) [m]. The approach to the region of this motion is not included.
     """

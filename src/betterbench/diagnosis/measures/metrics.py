@@ -75,8 +75,8 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
     Returns:
         The rates, the distractor grasp rate and the progress, each for the whole run and for each task, axis and
         condition. They are followed by the instruction effects, the ΔSR of recompositions (change in success rate), and
-        the illusion gaps. Each gap comes with two success rates, one for the twins and one for the variations in the
-        same pairs. Ambiguous trials are not part of any metric.
+        the illusion gaps. Each gap comes with two success rates, one for the training twins (training trials with the
+        same seeds) and one for the variations in the same pairs. Ambiguous trials are not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
@@ -181,7 +181,7 @@ def _success_rate(trials: Trials) -> Rate:
 
 
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
-    """Return the illusion gaps: success rates of the twins minus success rates of the variations.
+    """Return the illusion gaps: success rates of the training twins minus success rates of the variations.
 
     The p-values are corrected by Holm's method, separately for the gap over the whole run, the gaps per axis, the gaps
     per task and the gaps per condition.
@@ -217,7 +217,7 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the success rates of the twins and of the variations over the pairs of an illusion gap.
+    """Yield the success rates of the training twins and of the variations over the pairs of an illusion gap.
 
     A twin of several variations is counted once for each of its pairs. The confidence interval therefore uses Kish's
     effective number of independent pairs: the square of the number of pairs, divided by the sum over all twins of the
@@ -250,7 +250,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a LIBERO-Plus task share a few twins, so whole tasks are resampled.
+    # The variants of a LIBERO-Plus task share a few training twins, so whole tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

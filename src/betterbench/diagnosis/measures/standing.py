@@ -212,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how often the outcomes of a pretender and a run agree, or None if the matrix lacks a variation."""
+    """Return the agreement between the outcomes of a pretender and a run, or None if the matrix lacks a variation."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

@@ -62,7 +62,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the kind of object that should be picked now, if the attempt moves a drawer where it does not belong.
+    """Return the kind of object to be picked now, if the attempt moves a drawer that is not this object's target.
 
     The result is None if the attempt does not move a wrong drawer.
     """

@@ -73,7 +73,7 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Cell of a matrix: the state of the first target, and the state of the distractor or of the second target.
+    """Cell of a matrix, given by the state of the first target and the state of the distractor or second target.
 
     Attributes:
         sources: Conditions of the run that belong to the cell.
