@@ -56,8 +56,8 @@ def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
 
     Each trial is in at most one pair, so that the pairs are independent. A variation trial is paired with its
     counterfactual twin (the training trial with the same seed) if possible, otherwise with the first remaining trial
-    that has the same scene. Trials without a grasp attempt are left out, and so are trials in which no object should be
-    grasped.
+    that has the same scene. Trials without an attempt at an object or slot are left out, and so are trials in which no
+    object should be attempted.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:

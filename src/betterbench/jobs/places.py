@@ -89,7 +89,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Context manager by which OSErrors name ``path`` instead of the path of a lock file or temporary file."""
+    """Context manager that puts ``path`` into OSErrors instead of the path of a lock file or temporary file."""
     try:
         yield
     except OSError as error:

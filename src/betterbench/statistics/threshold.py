@@ -322,7 +322,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """Return how much more the mean score drops from the first condition to each condition than predicted."""
+        """Return the measured minus the predicted drop in the mean score of each condition, relative to the first."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)

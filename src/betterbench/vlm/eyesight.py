@@ -4,9 +4,9 @@ Eyesight is estimated from the answers of the model. Each item of a question set
 of its object in the image. A psychometric function is fitted to the scores of one run, and yields the object size at
 which the model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to
 several runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all
-scores. If it does, the only effect of a lower resolution is that small objects become unreadable. All sizes are
-measured at the effective resolution of the shown images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are
-geometric means of width and height in pixels.
+scores. If one size explains them, the only effect of a lower resolution is that small objects become unreadable. All
+sizes are measured at the effective resolution of the shown images
+(:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
 """
 
 from __future__ import annotations

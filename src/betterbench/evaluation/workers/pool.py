@@ -41,7 +41,7 @@ class WorkerProcess(SpawnedProcess):
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
-        self.alone = False  # whether the process runs only one trial, during which another process has died
+        self.alone = False  # whether the process runs only one trial, because another process died while running it
         self.lost = False  # whether the process has closed its end of the pipe
         self.ready = False  # whether the process is ready
         self.turn = settings.turn  # index among the running processes
