@@ -1,4 +1,4 @@
-"""Comparison of policies: how much they differ, overall and by group, and which differences could be detected."""
+"""Comparison of policies: their differences, overall and by group, and the differences that could be detected."""
 
 from betterbench.comparison.compare import Comparison, compare
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast

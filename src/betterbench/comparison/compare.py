@@ -40,7 +40,7 @@ class Comparison:
             of the kinds of failure and the labels over all variations.
         sequential: Comparisons of success that are valid even while runs are unfinished. Empty unless requested.
         verdict: Sentences that state the result, most important first.
-        notes: Notes on the limits of the comparison.
+        notes: Notes about the limits of the comparison.
         standings: Comparison of each policy with the pretenders (simulated policies that lack the tested abilities), on
             the compared trials.
     """
@@ -138,13 +138,13 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """Question to test: which outcome is counted (the measure), and in which trials (the scope)."""
+    """Question to test. The measure is the outcome that is counted, and the scope is the set of trials."""
 
     measure: str
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in the scope of the question, and for each whether it has the counted outcome."""
+        """Return the trials in the scope of the question, each with a flag for the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -229,7 +229,7 @@ def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iter
     """Yield the sequential evidence for every pair of compared policies.
 
     Paired trials are used in the order of the run, up to the first pair that one of the runs has not finished. The
-    selection therefore does not depend on the outcomes, and a later inspection only adds pairs to it.
+    selected pairs therefore do not depend on the outcomes, and a later inspection only adds pairs.
     """
     order = sorted(
         (k for k, t in enumerate(matching.trials[0]) if t.variation is not None),

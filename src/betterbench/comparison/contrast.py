@@ -24,8 +24,9 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Largest number of trials of a policy for which Boschloo's test is used. The test takes 2 s at this size. For larger
-samples, Barnard's test is used, which gives very similar results.
+"""Maximum number of trials per policy for which Boschloo's test is used.
+
+With this number, the test takes 2 s. For larger samples, Barnard's test is used, which gives very similar results.
 """
 
 
@@ -167,7 +168,7 @@ def rate_of(counted: Counted) -> Rate:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """Trials of two policies. Each comes with a flag that is True if the trial has the counted outcome.
+    """Trials of two policies, each with a flag that is True if the trial has the counted outcome.
 
     Attributes:
         first: Trials of the first policy.
@@ -213,8 +214,8 @@ def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: floa
 def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
     """Return the smallest difference that these trials can detect with a power of 80 %, or None if there are no trials.
 
-    For paired trials, the observed fraction of discordant pairs is assumed, because more pairs are needed if the
-    policies fail in different trials.
+    For paired trials, the observed fraction of discordant pairs is assumed to be the true one. It matters because more
+    pairs are needed if the policies fail in different trials.
     """
     a, b = tally.rates
     n = min(a.n, b.n)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
-"""Conventions that are single values in a plan."""
+"""Conventions that have a single value in a plan."""
 
 
 def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file

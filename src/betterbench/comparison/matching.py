@@ -1,4 +1,4 @@
-"""Matching of trials across runs, with notes on the trials that are left out."""
+"""Matching of trials across runs, with notes about the trials that are left out."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Matching:
     """Trials of several runs that are compared.
 
     Attributes:
-        paired: Whether all runs have the same trials. Otherwise, they have only conditions in common.
+        paired: Whether all runs have the same trials. If not, the runs have only conditions in common.
         trials: Trials of each run, in the order of the plan. If paired, all runs have the same keys in the same order.
         left_out: Number of trials of each run that are left out.
         notes: Notes on differences between the runs and on the trials that are left out.
@@ -38,8 +38,8 @@ class Matching:
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
     """Return the trials that all runs contain, matched by task, variation or condition, and seed.
 
-    For a run with ``--until-decided``, only the trials of the first round are used, because the outcomes of this round
-    determined which other trials were run. Ambiguous trials are left out.
+    For a run with ``--until-decided``, only the trials of the first round are used, because the choice of all later
+    trials depended on outcomes. Ambiguous trials are left out.
 
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and ``allow_mixed`` is False.
@@ -143,7 +143,7 @@ def _ambiguous(side: Side) -> Iterator[str]:
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield notes about the trials of a run that count as failures because there is no usable record of them."""
+    """Yield notes about the trials of a run that count as failures because they have no usable record."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)

@@ -1,4 +1,4 @@
-"""Submissions. A submission is one file with the outcomes and conventions of a run, and the hashes of its records."""
+"""Submissions, i.e. files with the outcomes and conventions of a run and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
-"""Version of the file format. It is increased when an earlier version would misread a newer file."""
+"""Version of the file format. It is increased when earlier versions of betterbench would misread a new file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
 _CURE = "Pass the folder of a run, or a file written by `better export`"
@@ -106,7 +106,7 @@ class Submission:
         schema_version: Version of the file format.
         name: Name of the policy.
         policy: Policy address.
-        declared: What the policy declared about itself.
+        declared: Properties that the policy declared about itself.
         betterbench: Version of betterbench that judged the trials.
         conventions: Versions and other conventions in the plan and the records, by name.
         thresholds: Thresholds of the diagnosis, by name.
@@ -137,7 +137,7 @@ class Submission:
     def file_bytes(self) -> bytes:
         """Return the content of the file as JSON.
 
-        It has one field or trial per line, so that two files are easy to compare.
+        Each line has one field or trial, so that two files are easy to compare.
         """
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")

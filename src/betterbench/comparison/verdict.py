@@ -13,10 +13,10 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which each pair gets a sentence. For more policies, letters show the differences."""
+"""Maximum number of policies for which each pair gets a sentence. For more policies, letters mark the differences."""
 
 SHOWN_PARTS = 6
-"""Largest number of groups that are named in one sentence."""
+"""Maximum number of groups that are named in one sentence."""
 
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
@@ -37,7 +37,7 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Describe in words which trials a comparison covers. Task names of other worlds are used as they are."""
+    """Describe the trials that a comparison covers. Task names of other worlds are used as they are."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
@@ -103,7 +103,7 @@ def _ranking(group: Group) -> str:
 
 
 def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
-    """For each pair of policies, yield a sentence on the groups of trials in which they differ significantly.
+    """For each pair of policies, yield a sentence about the groups of trials in which the two differ significantly.
 
     The groups are sorted by significance.
     """

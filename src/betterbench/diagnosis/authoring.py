@@ -1,4 +1,4 @@
-"""Names that the file of a new failure mode can import. See docs/adding-a-failure-mode.md."""
+"""Classes and functions that the file of a new failure mode can import. See docs/adding-a-failure-mode.md."""
 
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure

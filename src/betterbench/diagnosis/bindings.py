@@ -2,7 +2,7 @@
 
 A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. In a
 single trial, a wrong object may be chosen by chance, so the trial is labeled ``wrong_object``. Several trials with the
-same words can show a confusion, because a policy that chooses at random would sometimes be correct.
+same words can show that the words are confused, because a policy that chooses at random would sometimes be correct.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
 
 MEMORIZED_PLACE = "memorized_place"
-"""Evidence rule for a correct object that is placed at its training target instead of the requested target."""
+"""Evidence rule for placing a correct object at its training target instead of the requested target."""
 
 WRONG_PLACES = "It brings the correct objects to wrong targets; this run does not show why."
-"""Conclusion about a policy that uses wrong targets which training does not explain."""
+"""Conclusion about a policy that uses wrong targets for a reason other than training."""
 
 _SHOWN = 4
 """Maximum number of confused words listed in a sentence."""
@@ -34,7 +34,7 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """Instruction word for the first requested object, and the words for the object that was attempted first.
+    """Instruction word for the object that was requested first, and the words for the object that was attempted first.
 
     Attributes:
         word: Word of the instruction for the first requested object.
@@ -122,9 +122,10 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all failures bring correct objects to wrong targets, otherwise an empty string.
+    """Return a sentence if the policy brings correct objects to wrong targets in nearly all failures.
 
-    The sentence is also empty if training explains nearly all of these targets, because the failure is then a habit.
+    Otherwise, return an empty string. The result is also empty if nearly all of these targets are those of training,
+    because the failure is then a habit.
 
     Args:
         failed: The variation trials of the run that failed because of the policy's reasoning.

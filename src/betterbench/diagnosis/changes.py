@@ -19,7 +19,7 @@ Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 - "label": the same record has a different label.
 - "rule": the label is the same, but a different rule decided it.
 - "evidence": the same rule decided, but the evidence differs.
-- "record": the record is a different one, because the run continued.
+- "record": the record was replaced, because the run continued.
 - "new", "gone": only the new diagnosis, or only the stored one, contains the trial.
 """
 
@@ -160,7 +160,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return a clause that describes how the record of a trial was replaced, or None if it was not visibly replaced."""
+    """Return a clause that describes how the record of a trial was replaced, or None if there is no sign of that."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):

@@ -16,7 +16,7 @@ class Decider:
     """Cues that explain the first targets of a policy that ignores the instruction.
 
     Attributes:
-        names: Cues that each explain the first attempts on their own. Empty if no known cue explains them.
+        names: Cues that can explain the first attempts. Each of them does so on its own. Empty if no known cue does.
     """
 
     names: tuple[str, ...]
@@ -75,6 +75,6 @@ def _by_place(attempts: Sequence[Choice]) -> bool:
 
 
 def _usual(names: Sequence[str]) -> str | None:
-    """Return the name that nearly all choices share, or None if there is none."""
+    """Return the name that nearly all choices have in common, or None if there is no such name."""
     most = max(sorted(set(names)), key=names.count, default=None)
     return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

@@ -1,4 +1,4 @@
-"""Exposure of failure modes: which modes the test condition of a variation can reveal, given the training distribution.
+"""Failure modes that the test condition of a variation can reveal, given the training distribution.
 
 Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation can reveal this
 failure mode. A variation may only claim to reveal failure modes for which the function returns True.
@@ -58,7 +58,7 @@ class Exposure:
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals that are not done at the start and have their object in the scene, in the instruction's order."""
+        """Subgoals that are not done at the start and whose object is in the scene, in the order of the instruction."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
@@ -88,7 +88,7 @@ class Exposure:
 
     @property
     def lacks_later_step(self) -> bool:
-        """Whether this instruction had a later step in training that needs an object missing from the scene.
+        """Whether the same instruction had a later step in training whose object is missing from this scene.
 
         This is False if the condition is ambiguous, because then no behavior counts as a failure.
         """

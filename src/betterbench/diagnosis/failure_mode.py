@@ -1,4 +1,4 @@
-"""Class that each file in ``modes`` uses to register its failure mode, and the input passed to detectors."""
+"""Class for registering a failure mode, used by each file in ``modes``, and the input of the detectors."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class TrialView:
     Attributes:
         record: Record of the trial, with its outcome.
         episode: Analysis of the record, including every grasp attempt and placement.
-        unexplained: Whether the detectors are called for the second time, because no detector found evidence the first
-            time.
+        unexplained: Whether this is the second call of the detectors, after none of them found evidence in the first
+            call.
     """
 
     record: Record
@@ -34,7 +34,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit before the last subgoal was done, or at the same step."""
+        """Whether the episode reached its step limit before or in the step in which the last subgoal was done."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -112,10 +112,10 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function that chooses a sentence for a list of trials.
+    """Return a function that chooses one of the given sentences for a list of trials.
 
-    The sentence belongs to the evidence rule that decided the label in nearly all of the trials. The function returns
-    an empty string if there is no such rule, or if the rule has no sentence.
+    It returns the sentence of the evidence rule that decided the label in nearly all of the trials. It returns an empty
+    string if there is no such rule, or if no sentence is given for the rule.
     """
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
@@ -128,7 +128,7 @@ def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDia
 _MODES: dict[Label, FailureMode] = {}
 
 MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
-"""All failure modes by label, in label order. Importing ``diagnosis.modes`` registers them."""
+"""All failure modes by label, in label order. They are registered when ``diagnosis.modes`` is imported."""
 
 
 def remove_mode(label: Label) -> None:

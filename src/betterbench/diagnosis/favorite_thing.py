@@ -1,4 +1,4 @@
-"""Favorite kind of object of a policy, determined in worlds where every task has its own scene.
+"""Test for a policy's favorite kind of object, for simulated worlds in which every task has its own scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether the policy uses it
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so there are no such pairs
@@ -24,8 +24,8 @@ class FavoriteThing:
 
     Attributes:
         kind: The favorite kind of object.
-        rate: Fraction of trials that begin with an attempt at this kind. Only trials are counted that have this kind in
-            the scene but name another kind in the instruction.
+        rate: Fraction of trials that begin with an attempt at this kind. Only trials that have this kind in the scene
+            but name another kind in the instruction are counted.
         asked: Number of different kinds that are named by the instructions of these trials.
     """
 

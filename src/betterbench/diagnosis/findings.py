@@ -1,4 +1,4 @@
-"""Sentences on what several trials of a policy show together, and notes on what a run cannot show."""
+"""Sentences about findings from several trials of a policy, and notes about the limits of a run."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return one sentence for each limit on what the run can show, such as missing trials.
+    """Return one sentence for each limit of the run's evidence, such as missing trials.
 
     Args:
         trials: The trials of the run.
         rules: Rules that explain the first attempts, by task.
         missing: Keys of the trials that have no record because of an error.
-        pairs: Number of pairs of a variation trial and its counterfactual twin.
+        pairs: Number of pairs of a variation trial and its training twin (the training trial with the same seed).
         pending: Number of planned trials that are not done yet.
         even_pairs: Number of pairs in the first round of a run with ``--until-decided``. None for other runs.
-        cure: Advice for trials without a twin.
+        cure: Advice for variation trials without a training twin, as a clause.
     """
     notes = []
     if pending:

@@ -52,12 +52,12 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ only in the instruction. The two instructions have different first targets.
+    """Return pairs of trials that differ only in the instruction and whose instructions have different first targets.
 
     Each trial is in at most one pair, so that the pairs are independent. A variation trial is paired with its
     counterfactual twin (the training trial with the same seed) if possible, otherwise with the first remaining trial
-    that has the same scene. Trials without a first grasp attempt are left out, and so are trials in which no object
-    should be grasped first.
+    that has the same scene. Trials without an attempt at an object or slot are left out, and so are trials in which no
+    object should be attempted.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
@@ -78,7 +78,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the name of the object or empty slot that the first attempt of a trial is aimed at, or None.
+    """Return the name of the object or empty slot that is the target of a trial's first attempt, or None.
 
     A drawer that is moved to reach an object does not count as a first target.
     """

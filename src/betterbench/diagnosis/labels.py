@@ -1,4 +1,4 @@
-"""Choice of a trial's label from all the evidence in the trial."""
+"""Functions that gather all evidence in a trial and choose the trial's label."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LabelEvidence(NamedTuple):
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence in a trial, in label order.
 
-    If the trial succeeded, or if it ended for a reason other than the policy's decisions, only the evidence for this
+    If the trial succeeded, or if something other than the policy's decisions ended it, only the evidence for this
     outcome is returned. Otherwise, the evidence includes labels that the second pass must confirm.
 
     Returns:
@@ -65,8 +65,8 @@ _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the evidence that decides the label of a trial.
 
-    The earliest evidence decides. If several pieces of evidence concern the same attempt, the one whose label comes
-    first in label order decides. If the second pass cannot decide between rules for an attempt, the label is
+    The earliest evidence decides. If several pieces of evidence concern the same attempt, the evidence whose label
+    comes first in label order decides. If the second pass cannot decide between rules for an attempt, the label is
     ``wrong_object`` with the remaining candidates, unless the object's appearance or a training habit explains the
     attempt. A wrong order does not count as an explanation here, since the same favorite slot would then be labeled as
     an order violation in ordered tasks and as a wrong object in all other tasks.

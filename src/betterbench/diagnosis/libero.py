@@ -1,8 +1,8 @@
-"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and notes on LIBERO's suites.
+"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and notes about LIBERO's suites.
 
 LIBERO's tasks have no conditions. The requested objects are read from the goal in the task file, and the initial
 positions from the record. The training distribution is read from the files of the base suite
-(:mod:`betterbench.tasks.worlds.libero_training`). The regions on the table are the ones that LIBERO defines. Heights
+(:mod:`betterbench.tasks.worlds.libero_training`). The regions on the table are those that LIBERO defines. Heights
 are measured from the table top, as in betterbench's own scenes.
 """
 
@@ -128,7 +128,7 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return advice on which LIBERO-PRO suites to run for a more complete diagnosis than base suites allow.
+    """Return advice about the LIBERO-PRO suites that would make the diagnosis more complete than base suites do.
 
     Return an empty string if the run already contains such a suite.
     """
@@ -246,9 +246,9 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions where the base suite picks up objects, without the points where the gripper closes there.
+    """Return the regions from which objects are picked up in the base suite.
 
-    LIBERO's files do not state these points.
+    The regions do not include the points where the gripper closes, because LIBERO's files do not state them.
     """
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}

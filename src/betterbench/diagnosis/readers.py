@@ -25,7 +25,7 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reads the records of a run, and knows how trials are judged in the world of this run."""
+    """Reads the records of a run, and defines how trials are judged in the simulated world of this run."""
 
     @property
     def twins_elsewhere(self) -> bool:
@@ -41,7 +41,7 @@ class Reader(Protocol):
 
     @property
     def twins_cure(self) -> str:
-        """Advice for notes on how to obtain missing twins (training trials with the same seeds)."""
+        """Advice on how to obtain missing twins (training trials with the same seeds), as a clause for a note."""
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
         """Diagnose a record on its own, without other trials of the policy (first pass)."""
@@ -59,7 +59,7 @@ class Reader(Protocol):
         """Return notes about the world of a run."""
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return advice on additional runs that would make the diagnosis more informative."""
+        """Return advice about further runs that would make the diagnosis more informative."""
 
 
 class OwnReader:
@@ -96,7 +96,7 @@ class OwnReader:
         return ()
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return an empty tuple, because runs in betterbench's own scenes need no advice on other runs."""
+        """Return an empty tuple, because no other runs would improve the diagnosis in betterbench's own scenes."""
         del trials
         return ()
 
@@ -118,11 +118,11 @@ class LiberoReader(libero.LiberoRun):
         return libero.suite_of(task)
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
-        """Return notes on the limits of LIBERO's suites and on the variants that were not run."""
+        """Return notes about the limits of LIBERO's suites and about the variants that were not run."""
         return (libero.NOTE, *_plus_notes(run, found))
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return a note on the suites that would make the diagnosis of a run of base suites more informative."""
+        """Return a note about further suites to run, if the run contains only base suites."""
         untold = libero.untold_by(trials)
         if not untold:
             return ()
@@ -135,10 +135,10 @@ class OutcomeReader:
 
     Attributes:
         title: Name of the world in messages.
-        twins_elsewhere: Whether the training twins of the variation trials may come from another run.
+        twins_elsewhere: Whether the training twins of a run's variation trials may come from another run.
         finds_favorites: Whether the diagnosis looks for the policy's favorite kind of object.
         judges_causes: Whether the diagnosis judges grasps and causes of failures.
-        twins_cure: Advice for notes on how to obtain missing twins.
+        twins_cure: Advice on how to obtain missing training twins, as a clause for a note.
     """
 
     title: str
@@ -176,12 +176,12 @@ class OutcomeReader:
         return task
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
-        """Return a note that only the outcome of each trial is judged."""
+        """Return a note which states that only the outcome of each trial is judged."""
         del run, found
         return (f"In {self.title}, only the end of each trial is judged, not the cause of a failure.",)
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return an empty tuple, because there is no advice on other runs."""
+        """Return an empty tuple, because no other runs would improve the diagnosis."""
         del trials
         return ()
 
@@ -248,7 +248,7 @@ _READERS: Mapping[facts.Reading, Callable[[RunFolder], Reader]] = {
 
 
 def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield notes for runs in LIBERO-Plus, including a note on the variants that were not run."""
+    """Yield notes for runs in LIBERO-Plus, including a note about the variants that were not run."""
     if not any(axis_of(trial.variation) for trial in found.trials):
         return
     yield libero.PLUS_NOTE

@@ -1,4 +1,4 @@
-"""Likelihood of a policy's first attempts under each decision rule that the policy may follow.
+"""Likelihood of a policy's first attempts under each decision rule that might explain them.
 
 A policy that follows a rule with strength ``q`` goes, with probability ``q``, to a slot that the rule predicts.
 Otherwise, it goes to a correct slot, apart from occasional slips. The null hypothesis, "confusion", is a policy with a
@@ -21,10 +21,10 @@ from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
-"""Names of the rules that begin with a later step: with the step after the current one, or with the last step."""
+"""Names of the rules "begin with the step after the current one" and "begin with the last step"."""
 
 ROUNDING = 1e-9
-"""Largest difference between two costs that still count as equal [nats]."""
+"""Maximum difference between two costs that count as equal [nats]."""
 
 _GRID_POINTS = 100
 _STRENGTHS = np.linspace(0.0, HIGHEST_STRENGTH, _GRID_POINTS)
@@ -116,7 +116,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         cost=price - float(log_likelihoods[best]),
         strength=float(_STRENGTHS[best]),
         explained=explained,
-        # If a rule predicts several slots, a wrong attempt may follow the rule even though one of them is correct.
+        # If a rule predicts several slots and one of them is correct, a wrong attempt may still follow the rule.
         opportunities=max(len(predicting) - len(elsewhere), explained),
         errors_elsewhere=sum(not c.correct and not fits(rule, c) for c in elsewhere),
         elsewhere=len(elsewhere),

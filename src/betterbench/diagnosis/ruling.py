@@ -11,14 +11,14 @@ WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confu
 RuleStatus = Literal["upheld", "rejected", "open"]
 """Status of a rule for a trial.
 
-"upheld": the rule explains the trial. "rejected": it does not. "open": the trials cannot distinguish it from another
-rule.
+"upheld": the rule explains the trial. "rejected": it does not. "open": another rule explains the
+trials equally well.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """Result of the second pass for one trial: for each kind of decision rule, whether it explains the trial.
+    """Result of the second pass for one trial. It states for each kind of decision rule whether it explains the trial.
 
     Attributes:
         shortcut: Whether the rule "go to the slot where the word led in training" explains this trial.
@@ -33,7 +33,7 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return whether a kind of rule explains the trial, does not explain it, or whether this is undecided."""
+        """Return the status of a kind of rule: it explains the trial, does not explain it, or this is undecided."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 

@@ -1,4 +1,4 @@
-"""Diagnosis of a run: each trial on its own (first pass), all trials together (second pass), and the findings."""
+"""Diagnosis of a run: first pass (each trial on its own), second pass (all trials together), and findings."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ def diagnose_run(
     """Diagnose a run. The result contains every planned trial, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached yet are pending and are not counted.
-    After the process has ended, trials that it did not reach are unfinished: they are in the denominator of every rate
-    over planned trials, but are not failures. In a run with ``--until-decided``, this applies to the trials of the
+    After the process has ended, trials that it did not reach are unfinished: they count in the denominator of every
+    rate over planned trials, but not as failures. In a run with ``--until-decided``, this applies to the trials of the
     current round. Trials that are no longer needed because a verdict was reached are left out.
 
     Args:
@@ -95,7 +95,7 @@ def diagnose_run(
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
     reader = reader_of(run)
-    # Checked before the journal is read, so that a run that ends in the meantime counts as complete.
+    # This is checked before the journal is read, so that a run that ends between the two counts as complete.
     running = run.is_running and not whole
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
@@ -137,10 +137,7 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Add the counterfactual twins of the planned trials.
-
-    They are read from ``run``, a run of the base suite.
-    """
+    """Read the training twins of the planned trials from a run of the base suite, and add them to the trials."""
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
@@ -298,9 +295,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that has been found not to use the instruction.
 
-    If no rule explains a wrong first attempt, it is labeled as independent of the instruction. An attempt at the
-    policy's favorite slot in this task is labeled in the same way, unless a favorite slot explains the attempts in all
-    tasks.
+    A wrong first attempt that no rule explains is labeled as independent of the instruction. So is an attempt at the
+    policy's favorite slot in this task, unless a favorite slot explains the attempts in all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -334,7 +330,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """If no rule explains a wrong first attempt, label the attempt as independent of the instruction."""
+    """Label a wrong first attempt as independent of the instruction, unless a rule explains the attempt."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

@@ -19,9 +19,9 @@ tasks at least as well as the other rules do (:func:`mistakes_order`).
 Evidence is pooled over the tasks of a policy, so that findings in one task have some weight in the others. The prior
 cost of each kind of rule depends on the fraction of tasks with wrong attempts that it explains
 (:func:`pooled_prior_costs`). A kind that explains all these tasks clearly better than any other kind is the policy's
-rule (:func:`rule_of_all_tasks`). If two rules both predict a wrong attempt, the other tasks decide between them. The
-prior costs are at most 3.0 nats over ten tasks. A single attempt that only one of two rules predicts has as much
-weight, so that the attempts in a task can outweigh the prior costs.
+rule (:func:`rule_of_all_tasks`). If two rules both predict a wrong attempt, the other tasks decide between them. With
+ten tasks, the prior costs are at most 3.0 nats. A single attempt that only one of two rules predicts has the same
+weight, so the attempts in a task can outweigh the prior costs.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from betterbench.diagnosis.thresholds import CLEARLY, ONE_ATTEMPT, ORDER_TRIALS,
 from betterbench.diagnosis.trial import Choice
 
 _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
-"""Variants of a confused order: the policy begins with any later step, with the next step, or with the last step."""
+"""Rules of a policy that confuses the order of steps: begin with any later step, the next step, or the last step."""
 
 _PSEUDOCOUNT = 0.5
 """Prior number of tasks for each kind of rule (Jeffreys' prior of a multinomial)."""
@@ -74,7 +74,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the rule that the policy follows in all tasks together."""
+    """Return prior costs by which ambiguous attempts are assigned to the policy's rule over all tasks."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -101,8 +101,8 @@ def _proven_elsewhere(
 def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str | None:
     """Return the kind of rule that explains a policy in all tasks clearly better than any other kind, or None.
 
-    A kind of rule that explains fewer wrong attempts than another kind is rejected, because its cost may be lower only
-    because it contains fewer rules.
+    A kind of rule is rejected if another kind explains more wrong attempts. The lower cost may then only be due to a
+    smaller number of rules of this kind.
     """
     tasks = [alone[task] for task in _with_errors(choices)]
     (least, best), (second, _), *_ = sorted((_total_cost(family, tasks), family) for family in FAMILIES)

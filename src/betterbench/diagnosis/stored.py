@@ -1,4 +1,4 @@
-"""Stored diagnosis of a run, ``RUN/diagnosis.json``. A later diagnosis of the same run can be compared with it."""
+"""Diagnosis of a run, stored as ``RUN/diagnosis.json`` for comparison with later diagnoses of the same run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class StoredTrial:
         text: Explanation of the label.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
-        candidates: Labels that remain possible if only this trial is considered.
+        candidates: Labels that are possible if only this trial is considered.
         attempts: Grasp attempts in the trial.
         steps: Number of control steps of the trial.
         has_record: Whether the trial had a record.
@@ -106,7 +106,7 @@ _FILE = TypeAdapter(_File)
 
 @dataclass(frozen=True, slots=True)
 class StoredDiagnosis:
-    """Stored diagnosis of a run. It is compared with a later diagnosis of the same run."""
+    """Stored diagnosis of a run, for comparison with later diagnoses of the same run."""
 
     package_version: str
     thresholds: Mapping[str, float]

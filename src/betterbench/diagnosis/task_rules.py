@@ -1,8 +1,8 @@
 """Decision rules of a policy in one task: their fit, their comparison with confusion, and the ruling on each trial.
 
 A rule is upheld if it costs less than the null hypothesis of undirected errors (confusion). This is a likelihood-ratio
-test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that have different
-instructions, but both begin with an attempt at this place (:func:`has_pair`).
+test with a penalty for choosing the rule. For a favorite place, there must also be a pair of trials that have different
+instructions and both begin with an attempt at this place (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class TaskRules:
     Attributes:
         rules: All rules, lowest cost first. Rules with equal costs are in the order word, habit, later, place.
         confusion: Cost of confusion [nats].
-        upheld: Names of the rules that explain the attempts better than confusion does and can be told from similar
-            rules.
+        upheld: Names of the rules that explain the attempts better than confusion does and can be distinguished from
+            similar rules.
         rulings: Ruling on each trial, by trial key.
-        undecided: Number of trials with a wrong first attempt where the run is too small to prove a rule, or to tell it
-            from another rule.
+        undecided: Number of trials with a wrong first attempt for which the run is too small to prove a rule or to
+            distinguish it from another rule.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -57,10 +57,10 @@ def judge_rules(
     Args:
         choices: First attempt of each trial, by trial key.
         prior_costs: Prior cost of each kind of rule [nats]. By default, all are zero.
-        known: Kinds of rule that other tasks prove for the policy. If "place" is known, no pair of trials is needed in
-            this task. If "word" is known, no trials are needed that tell it from a place. "later" is only judged by
-            other tasks, because in a single task it may look like a favorite place. If ``known`` is None, all rules are
-            judged by the trials of this task.
+        known: Kinds of rule that other tasks prove for the policy. If they include "place", this task needs no pair of
+            trials. If they include "word", this task needs no trials that distinguish it from a place. "later" is only
+            judged by other tasks, because in a single task it may look like a favorite place. If ``known`` is None, all
+            rules are judged by the trials of this task.
         ordered: Whether the policy is known to do steps in the wrong order. If so, an attempt at a later step proves
             neither "word" nor "place".
     """
@@ -118,14 +118,14 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of choosing one slot when all slots are equally likely beforehand [nats]."""
+    """Return the prior cost of one slot if all slots are equally likely [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the rules that cost less than confusion (undirected errors) and can be told from similar rules."""
+    """Return the rules that cost less than confusion (undirected errors) and can be distinguished from others."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:
@@ -183,8 +183,8 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites of the policy, although the trials do not prove it.
 
-    If the prior cost is left out, the rule for such a slot is more likely than confusion. However, there are so few
-    trials that the rule could not be proven even if the policy always went to this slot.
+    Without its prior cost, the rule for such a slot is more likely than confusion. However, there are too few trials to
+    prove the rule, even if the policy always went to this slot.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -194,14 +194,14 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials could prove that a policy always goes to a slot, if this were true."""
+    """Return whether there are enough trials to prove that a policy always goes to a slot, if it does."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
 
 
 def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
-    """Return whether the trials clearly contradict a habit, because the policy errs where the habit is correct.
+    """Return whether the trials clearly contradict a habit, because the policy errs where the habit would be correct.
 
     A single trial is enough to show a habit. To reject it, at least two trials must contradict it, and they must be the
     majority.
@@ -222,7 +222,7 @@ class _Judged:
         proven: Names of the rules that the trials prove.
         open_slots: Slots that the policy may favor, although there are too few trials to prove it.
         ordered: Whether the policy is known to do steps in the wrong order.
-        word_known: Whether other tasks prove that the policy goes to the slot that a word of the instruction had in
+        word_known: Whether other tasks prove that the policy goes to the slot to which a word of the instruction led in
             training.
         avoids_habit: Whether the trials clearly contradict the habit.
     """

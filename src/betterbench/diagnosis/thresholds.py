@@ -1,8 +1,8 @@
 """Thresholds that only the diagnosis uses, each with its unit, its reason and the effect of increasing it.
 
 Thresholds that the diagnosis shares with live judging (goal tracker, grasp attempts, harm) are in
-:mod:`betterbench.tasks.thresholds`. That module also has the thresholds for halts, falls, collisions and slips that
-every run lists in its conventions. The tolerance of a relation is in the file of the relation.
+:mod:`betterbench.tasks.thresholds`. The thresholds for halts, falls, collisions and slips, which every run lists in its
+conventions, are also there. The tolerance of a relation is in the file of the relation.
 
 Thresholds with ``listed=False`` were already in use when they were added to this table (see
 :func:`betterbench.tasks.thresholds.threshold`).

@@ -1,6 +1,6 @@
-"""First pass of the diagnosis: each trial is diagnosed from its record alone.
+"""First pass of the diagnosis, in which each trial is diagnosed from its record alone.
 
-It also prepares the input of the second pass.
+The first pass also prepares the input of the second pass.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from betterbench.tasks.labels import Label
 class Choice:
     """First attempt of a trial, with its slot and the slots that each rule predicts.
 
-    If two layouts have a slot at the same position, both slots get the name of the first.
+    If slots of two layouts are at the same position, both get the name of the slot in the first layout.
 
     Attributes:
         layout: Slots that contained an object at the start, each with the kind of this object. Trials with the same
@@ -47,7 +47,7 @@ class Choice:
         slot: Slot of the first attempt, or None if there was no attempt.
         correct: Whether the first attempt was correct, or whether the policy correctly made no attempt.
         word_slots: Slots where training picked up the object that the relevant word of the instruction refers to.
-        habit_slots: Slots of the most frequent first step. Empty if training has no such step.
+        habit_slots: Slots of the most frequent first step in training. Empty if no first step is most frequent.
         later_slots: Slots of the objects of later steps. Empty if the instruction leaves the order free.
         places: Number of slots with a graspable object.
         thing: Kind of the object in the slot of the first attempt, or "" if there is none.
@@ -55,8 +55,8 @@ class Choice:
         nearest: Slot of the object that was nearest to the gripper at the start. Empty if no slot contained an object.
         favorite_slots: Slot that the policy may prefer in trials with the same occupied slots. The second pass sets it.
         step_slots: For each later step, in order, the slots of its objects.
-        replaced: Whether the habit leads to the slot of the first attempt, but this slot contained a different object.
-            If so, a single trial does not show the habit.
+        replaced: Whether the usual first step in training was at the slot of the first attempt, but this slot now
+            contained a different object. If so, a single trial does not show a habit.
     """
 
     layout: frozenset[tuple[str, str]]
@@ -189,7 +189,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
     """Return the grasp attempts of an episode in chronological order.
 
-    Closings of the gripper far from all objects are included.
+    Attempts in which the gripper closed far from all objects are included.
     """
     time = episode.trace.time
     far = (

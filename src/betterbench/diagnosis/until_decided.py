@@ -1,4 +1,4 @@
-"""Verdicts of runs with ``--until-decided``, and the trials that were chosen independently of the outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the trials of these runs that do not depend on earlier outcomes."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return how a variation ("fast_food/T1") was decided, or that it is undecided.
+        """Return the answer for a variation ("fast_food/T1"), which may be undecided.
 
-        Return None if it is not in the run.
+        Return None if the variation is not in the run.
         """
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
@@ -40,7 +40,7 @@ class UntilDecided:
 
     @property
     def summary(self) -> str:
-        """Sentence that states how many variations have each verdict."""
+        """Sentence that states the number of variations with each verdict."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"

@@ -13,7 +13,7 @@ from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.worlds.libero_plus import axis_of
 
 OUTCOME_ALONE = "outcome_alone"
-"""Evidence rule of a failed trial in a world in which only the outcome of each trial is judged."""
+"""Evidence rule of a failed trial if only the outcome of each trial is judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,7 @@ class Evidence:
         objects: Names of the objects involved.
         shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
             also "slot").
-        candidates: Labels that remain possible if only this trial is considered. The second pass may decide between
-            them.
+        candidates: Labels that are possible if only this trial is considered. The second pass may decide between them.
     """
 
     rule: str
@@ -156,7 +155,7 @@ class TrialDiagnosis:
 
     @property
     def pool(self) -> str:
-        """Name of the condition that the trial is counted for: the variation or the training condition.
+        """Name of the condition for which the trial is counted: the variation or the training condition.
 
         In LIBERO-Plus, this is the axis, because each variant is run only once.
         """
@@ -228,7 +227,7 @@ class RunDiagnosis:
         trials: One entry for each diagnosed trial, finished or not, in the order of the plan.
         metrics: All metrics of the run.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
-        notes: Limits on what the run can show, one sentence each (missing pairs, smallest detectable difference).
+        notes: Limits of the run's evidence, one sentence each (missing pairs, smallest detectable difference).
         thresholds: Values of the thresholds, by name.
         versions: Versions found in the records, by name.
         waiting: Planned trials that a run in progress has not reached yet and that do not count. Empty if no process is

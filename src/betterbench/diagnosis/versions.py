@@ -12,7 +12,7 @@ from betterbench.errors import RunConflictError
 from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
-"""Words in the names of those parts of the engine's fingerprint that may differ between scenes."""
+"""Words that occur in the names of those fields of the engine's fingerprint that may differ between scenes."""
 
 
 class RecordVersions:

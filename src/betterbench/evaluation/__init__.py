@@ -10,8 +10,8 @@
 - ``integrations``: the tasks in other evaluation harnesses.
 - ``figures``: images and videos.
 
-Except for ``figures``, each package may import only the packages listed before it. Each public name is imported from
-its module when it is first used.
+Each package except ``figures`` may import only the packages listed before it. Each public name is imported from its
+module when it is first used.
 """
 
 from typing import TYPE_CHECKING

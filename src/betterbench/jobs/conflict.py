@@ -52,7 +52,8 @@ def require_same(
         what: Kind of job, for the message ("run").
         where: Name of the description, for the message ("plan").
         cure: Remedy that lets the user resume the job.
-        cures: Remedies to use instead of ``cure``, keyed by the first field of the description that differs.
+        cures: Remedies that replace ``cure`` for certain fields, keyed by the first field of the description that
+            differs.
     """
     difference = first_difference(there, asked, where)
     if difference is not None:

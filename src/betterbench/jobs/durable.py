@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, even if the process or the machine fails while they are written."""
+"""Files that are either complete or absent, even after a crash of the process or the machine during writing."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers
 
     If a worker process dies, its unfinished items are retried one at a time.
 
-    If there is only one worker or only one item, no worker process is started.
+    If there is only one worker or only one item, the items are processed in this process.
 
     Raises:
         WorkerError: If worker processes keep dying.
@@ -85,6 +85,6 @@ def _pooled(
                     yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in started:  # otherwise, Python would wait for their current items
+            for process in started:  # without this, Python would wait for their current items
                 process.kill()
             raise

@@ -84,7 +84,7 @@ def in_threads(
         try:
             pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers + ahead)]
             while pending:
-                done = [future.done() for future in pending]  # read once, because more items may finish in the meantime
+                done = [future.done() for future in pending]  # checked only once, because more items may finish
                 failed = next((i for i, f in enumerate(pending) if done[i] and f.exception() is not None), None)
                 if failed is not None and not (in_order and done[0] and failed > 0):
                     pending[failed].result()

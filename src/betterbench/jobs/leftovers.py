@@ -21,7 +21,7 @@ def end_leftovers(variable: str, value: str, session: int) -> None:
     without ``/proc``, this function does nothing.
     """
     mark = f"{variable}={value}".encode()
-    for _ in range(_ROUNDS):  # repeated, because the processes may start further processes
+    for _ in range(_ROUNDS):  # several rounds, because the processes may start further processes
         found = list(_marked(mark, session))
         if not found:
             return

@@ -20,7 +20,7 @@ LOCK_NAME = ".lock"
 """Name of the lock file in a folder."""
 
 _TRIES = 25
-_PAUSE_S = 0.02  # longer than a check of the lock by another process
+_PAUSE_S = 0.02  # longer than another process needs to check the lock
 
 
 def is_locked(path: Path) -> bool:
@@ -71,11 +71,12 @@ class HeldFolder:
 class RunLock:
     """Exclusive lock on a run folder. The kernel releases the lock when the process ends.
 
-    The lock file stays in the folder, also after a crash, and can be locked again without any cleanup. Forked processes
+    The lock file stays in the folder, even after a crash, and can be locked again without any cleanup. Forked processes
     do not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
     (:mod:`betterbench.jobs.places`). If the folder is removed or moved, further writes fail (:func:`require_held`),
-    because earlier files would be missing. With ``renews``, the lock is instead taken again. Use ``renews`` only if the
-    caller writes the earlier files again. If ``output`` is given, messages name it instead of the folder.
+    because earlier files would be missing. With ``renews``, the lock is taken again, and writes do not fail. Use
+    ``renews`` only if the caller writes the earlier files again. If ``output`` is given, messages name it instead of
+    the folder.
 
     Raises:
         RunConflictError: If another process holds the lock and ``waits`` is False.
@@ -273,7 +274,7 @@ def _around() -> list[HeldFolder | RunLock]:
 
 
 def held_folders() -> tuple[HeldFolder, ...]:
-    """Return the folders that this process has locked, for worker processes that write below them."""
+    """Return the folders that this process has locked, for worker processes that write into these folders."""
     return tuple(found for lock in tuple(_HELD) if (found := lock.for_workers) is not None)
 
 

@@ -61,7 +61,7 @@ def bears_mark(path: Path, verb: str) -> bool:
 def require_replaceable(
     path: Path, verb: str, *, overwrite: bool = False, is_ours: Callable[[Path], bool] | None = None
 ) -> None:
-    """Raise RunConflictError if a file exists at a path and may not be replaced.
+    """Raise RunConflictError if a file exists at a path and must not be replaced.
 
     Args:
         path: Path of the file to write.
@@ -96,7 +96,7 @@ class OutputFile:
     """Output file of a subcommand. As a context manager, it locks the file and returns the path.
 
     Raises:
-        RunConflictError: If an existing file may not be replaced, or if another process is writing it.
+        RunConflictError: If an existing file must not be replaced, or if another process is writing it.
     """
 
     def __init__(
@@ -244,7 +244,7 @@ class OutputFolder:
         return inside if found.by == self._verb else None
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if the file at a path in the folder may not be replaced."""
+        """Raise RunConflictError if the file at a path in the folder must not be replaced."""
         if path.absolute() != self.path / LIST_NAME:
             self._require_ours(path.absolute(), self._known)
 

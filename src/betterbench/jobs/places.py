@@ -27,7 +27,7 @@ class FolderClaim(Protocol):
         """Id of the thread that made the claim."""
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if the file at a path may not be replaced."""
+        """Raise RunConflictError if the file at a path must not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
         """Record a file, just before it is moved to its path."""
@@ -60,7 +60,7 @@ def is_claimed_here(folder: Path) -> bool:
 
 
 def claim_of(path: Path) -> FolderClaim | None:
-    """Return the claim on the guarded folder that contains a file, or None. Of nested folders, the innermost counts."""
+    """Return the claim on the innermost guarded folder that contains a file, or None if there is no claim."""
     around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
     innermost = max(around, key=lambda folder: len(folder.parts), default=None)
     return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
@@ -89,7 +89,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Context manager that makes OSErrors name ``path`` instead of the path of a lock file or temporary file."""
+    """Context manager that puts ``path`` into OSErrors instead of the path of a lock file or temporary file."""
     try:
         yield
     except OSError as error:

@@ -23,8 +23,8 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces the standard output and the standard error of a process.
 
-    The child process does not inherit the standard error of this process, because that may be redirected to a file. The
-    child process could then truncate the file or change its flags.
+    The child process does not inherit the standard error of this process. If standard error were redirected to a file,
+    the child process could truncate the file or change its flags.
 
     Attributes:
         theirs: The child process's end of the pipe, as a file descriptor.

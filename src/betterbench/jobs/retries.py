@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of worker deaths after which an item is not retried anymore. After the first one, the item is run alone."""
+"""Number of worker deaths after which an item is not retried anymore. After the first death, the item is run alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
 """Number of consecutive worker deaths without a finished item after which the job fails."""

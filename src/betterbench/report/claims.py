@@ -1,4 +1,4 @@
-"""Statistical tests behind the conclusions about a policy, and the trials that would settle open conclusions."""
+"""Statistical tests of the conclusions about a policy, and the trials that would settle an open conclusion."""
 
 from __future__ import annotations
 
@@ -18,22 +18,20 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Fraction of trials that a kind of failure must exceed significantly (exact binomial test) to support a conclusion
-without an illusion gap.
+"""Reference rate for conclusions that are not based on an illusion gap.
 
-Such conclusions are about training, or about variations without training twins (training trials with the same seed).
+Such a conclusion is supported if significantly more than this fraction of the trials fail (exact binomial test). It is
+about training, or about variations without training twins (training trials with the same seed).
 """
 
 FEW = 3
-"""Minimum number of trials for a conclusion about a policy's habit, about one task (if failures are rare) or about an
-axis.
-"""
+"""Minimum number of trials for a conclusion about a habit, an axis or, if failures are rare, a single task."""
 
 MOST_PAIRS = 100
-"""Largest number of pairs per variation that is recommended."""
+"""Maximum number of pairs per variation that is recommended."""
 
 MOST_VARIATIONS = 3
-"""Largest number of variations that are recommended."""
+"""Maximum number of variations that are recommended."""
 
 _SETTINGS = (
     ("--action-space", "action_space", "ee_delta"),
@@ -101,7 +99,7 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Test the claim that one kind of failure is frequent in training, for a run without variations.
+    """For a run without variations, test the claim that one kind of failure is frequent in training.
 
     Args:
         count: Number of training trials with this kind of failure.
@@ -144,7 +142,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Test the claim that a policy has no failure, for a run in which all variation trials succeeded.
+    """For a run in which all variation trials succeeded, test the claim that the policy has no failure.
 
     At least six solved trials are needed to rule out that the policy fails half of all variation trials.
     """
@@ -193,8 +191,8 @@ def _above(count: int, n: int, share: float) -> float:
 def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     """Return a sentence about the pairs of trials that would settle the claim, and the command that runs them.
 
-    The command uses new seeds. The new run must be judged alone. If it were pooled with the earlier pairs, the result
-    would be biased, because their outcome was the reason for the new run.
+    The command uses new seeds. The new run must be judged alone. If its pairs were pooled with the earlier pairs, the
+    result would be biased, because the earlier outcomes were the reason for the new run.
     """
     varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)

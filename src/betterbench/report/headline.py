@@ -33,22 +33,22 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Failures in at most this fraction of the variation trials are treated as exceptions. It is one of 20 trials."""
+"""Failures in at most this fraction of the variation trials (one in 20) are treated as exceptions."""
 
 WEAK_SHARE = 0.5
-"""Success rate in training conditions below which a policy has not learned the task. Its success rates then do not show
-how it reasons, but its first grasp attempts can still be judged.
+"""Success rate in training conditions below which a policy is said not to have learned the task. Its success rates then
+do not show how it reasons, but its first grasp attempts can still be judged.
 """
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
-"""Labels of failures that can occur in any condition and therefore do not point to an axis of variation."""
+"""Labels of failures that can occur in any condition and are therefore not attributed to an axis of variation."""
 
 KIND_NAMES = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
 """Names of the kinds of failures in conclusions, used after "failures of"."""
 
 LONGEST_REASON = 300
-"""Maximum number of characters of the error message that the first screen shows if the policy failed to run."""
+"""Maximum length of the error message on the first screen if the policy failed to run, in characters."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 """Labels of policies that pick from a certain slot regardless of the object in it."""
@@ -58,9 +58,9 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """Main failure mode of some trials, with three counts: trials with this failure, all failures, and all trials.
 
-    ``look_alikes`` counts further trials that the same faulty rule explains: the policy took an object that looks like
-    the target from the slot in which the target was during training. It is 0 if there are fewer trials in which a
-    look-alike was taken than trials with the label itself.
+    ``look_alikes`` counts further trials that the same faulty rule explains. In these trials, the policy took an object
+    that looks like the target from the slot in which the target was during training. The count is 0 if there are fewer
+    such trials than trials with the label itself.
     """
 
     label: Label
@@ -99,13 +99,13 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Conclusion about one policy for the top of the page, with the numbers behind it.
+    """Conclusion about one policy, with the numbers that support it, for the top of the page.
 
     Attributes:
         conclusion: One sentence that names the main fault, or says that no fault was found.
-        sentences: One or more sentences with the numbers behind the conclusion.
-        family: Family of the main failure, which determines its color, such as "reasoning"; "right" if there is no
-            failure.
+        sentences: One or more sentences with the numbers that support the conclusion.
+        family: Family of the main failure, such as "reasoning"; "right" if there is no failure. It determines the
+            color.
         effect: Effect of the instruction, measured over pairs of trials that differ only in the instruction.
         effect_sentence: Sentence that explains the instruction effect.
         needless: Successful trials in which the policy also did a training step that was not requested.
@@ -134,7 +134,7 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the training trials behind the illusion gap and all training trials differ in success rate."""
+        """Whether the training twins in the illusion gap have a different success rate than all training trials."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
@@ -206,7 +206,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of trials in which the rule behind a label led to a look-alike of the target.
+    """Return the number of trials in which the rule of a label led the policy to a look-alike of the target.
 
     Return 0 if there are fewer trials in which a look-alike was taken than trials with the label itself.
     """
@@ -246,9 +246,10 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a rule about slots led the policy only to look-alikes of the target.
+    """Return whether objects that look like the target explain all trials better than a rule about slots.
 
-    The policy must also have violated the rule in other trials.
+    This is the case if the rule led the policy only to look-alikes, and the policy often made a correct first attempt
+    in trials where the rule predicts a wrong one.
     """
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
@@ -269,9 +270,9 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 
     The family is "reasoning", for example.
 
-    If there is evidence that the policy does not use the instruction, the conclusion says so, and not how the policy
-    fails. The exception is a policy with a habit that explains its wrong first attempts in the whole run, because it
-    can seem to ignore the instruction if only a few variations were run.
+    If there is evidence that the policy does not use the instruction, this is the conclusion instead of the main
+    failure. The exception is a policy with a habit that explains its wrong first attempts in the whole run, because
+    such a policy can seem to ignore the instruction if only a few variations were run.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -292,7 +293,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the result of :func:`_conclusion` for the failures in variation trials alone."""
+    """Return the conclusion from the failures in variation trials alone, in the form of :func:`_conclusion`."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
@@ -341,10 +342,10 @@ def _by_failures(
 
 
 def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return the sentence on words or targets that the policy confuses, if the main label does not name them.
+    """Return the sentence about words or targets that the policy confuses, if the main label does not name them.
 
-    If a rule is proven, the sentence states it first. A habit of placing objects at certain targets is ruled out if the
-    policy brings objects to targets where they were never placed in training.
+    If a rule is proven, the sentence begins with this rule. A habit of placing objects at certain targets is ruled out
+    if the policy brings objects to targets where they were never placed in training.
     """
     reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
     vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))
@@ -373,7 +374,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations: the results in training, and what they cannot show."""
+    """Return the conclusion for a run without variations: the results in training and their limits."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:
@@ -478,7 +479,7 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
     """Return the conclusion about a failure that is rare overall but frequent in certain conditions of one task.
 
-    Training conditions are included, because a policy may fail a task already in training. A failure that also occurs
+    Training conditions are included, because a policy may fail even in training. A failure that also occurs
     in many other tasks is not a habit. Return None if there is no such failure.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
@@ -525,7 +526,7 @@ def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
         return ""
     in_training = sum(trial.label is label for trial in trained)
     if 2 * in_training * here.n > count * len(trained):
-        return ""  # in training, more than half as frequent as on the axis
+        return ""  # the failure rate in training is more than half of the rate on the axis
     return AXIS_PLACES.get(axis or "", "")
 
 

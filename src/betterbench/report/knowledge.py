@@ -1,4 +1,4 @@
-"""Table that compares what a model knows with what a policy does, for the report page."""
+"""Table that compares a model's knowledge with a policy's actions, for the report page."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ class GroupRow:
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeView:
-    """Comparison of what one model knows with what one policy does.
+    """Comparison of one model's knowledge with one policy's actions.
 
     Attributes:
-        roles: For each role that a question can have, a phrase that states how many answers were correct.
+        roles: Phrases that state how many answers were correct, one for each role that a question can have.
         known_failures: Keys of the failed trials in which the model knew the right decision.
         groups: Knowledge and behavior by axis, variation and failure mode.
         tested: Number of groups that were tested. Holm's correction is based on this number.

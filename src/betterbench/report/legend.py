@@ -23,7 +23,7 @@ FAMILIES: dict[str, str] = {
     "execution": "Execution failure",
     "system": "System failure",
 }
-"""Families of outcomes, which share a color, with their names, in the order in which they are stacked in charts."""
+"""Families of outcomes with their names, in the order in which charts stack them. Each family has one color."""
 
 UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 """Family of planned trials that have not ended. It is only shown if there are such trials."""
@@ -40,7 +40,7 @@ def judges_causes(trials: Iterable[TrialDiagnosis]) -> bool:
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the families of outcomes, which share a color, and their names for the legend.
+    """Return the families of outcomes and their names for the legend. Each family has one color.
 
     The family of unfinished trials is only included if a trial is unfinished.
     """

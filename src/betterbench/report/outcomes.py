@@ -81,9 +81,9 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Return whether a run is in another simulated world, such as LIBERO.
+    """Return whether a run is in a different simulated world, such as LIBERO.
 
-    Such runs have no diagnostic matrices, reference policies or certificates.
+    Runs in these worlds have no diagnostic matrices, reference policies or certificates.
     """
     return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 

@@ -18,7 +18,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Number for a page, a CSV file or LaTeX. All values are fractions. The value is None if there is no number.
+    """Number for a page, a CSV file or LaTeX, stored as a fraction. The value is None if there is no number.
 
     Attributes:
         low: Lower end of the 95 % interval.
@@ -74,9 +74,9 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Smallest number of decimal places at which the printed difference agrees with the two printed rates.
+        """Number of decimal places that makes the printed difference agree with the two printed rates.
 
-        It is 0 for a number that is not a difference.
+        It is the smallest such number, and 0 for a number that is not a difference.
         """
         if self.sides is None or self.value is None:
             return 0
@@ -87,7 +87,7 @@ class Figure:
         return 0
 
     def from_sides(self) -> str:
-        """Return the two rates behind a difference, e.g. "twins 67 %, variations 56 %".
+        """Return the two rates of a difference, e.g. "twins 67 %, variations 56 %".
 
         Return "" if there are none.
         """
@@ -102,7 +102,7 @@ class Figure:
         return self.value is None
 
     def number(self, digits: int = 0) -> str:
-        """Return only the number, in percent or percentage points ("62", "+3", "−47.5").
+        """Return the number without its unit, in percent or percentage points ("62", "+3", "−47.5").
 
         Return "–" if it is missing.
         """
@@ -120,7 +120,7 @@ class Figure:
         return f"{self.number(digits)}{THIN}%"
 
     def count(self) -> str:
-        """Return the counts behind the number ("149/240", "240 pairs", "no trials")."""
+        """Return the counts from which the number is computed ("149/240", "240 pairs", "no trials")."""
         if self.n is None:
             return "" if self.value is None else "by chance"
         if self.n == 0:

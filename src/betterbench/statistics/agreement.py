@@ -58,7 +58,7 @@ class AgreementTable:
 
     @property
     def expected(self) -> float | None:
-        """Agreement that would be expected if the raters chose independently, each with the observed frequencies.
+        """Agreement to be expected if each rater chose categories independently with the observed frequencies.
 
         It is None if there are no items.
         """

@@ -44,7 +44,7 @@ def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -
 
 
 def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return a confidence interval of the mean that stays valid whenever the observation of values is stopped.
+    """Return a confidence interval of the mean that is valid at any stopping time.
 
     Args:
         values: Observed values, each within the span. Their order does not matter.
@@ -78,7 +78,7 @@ def _interval(seen: tuple[float, ...], span: Span, confidence: float) -> Interva
 
 
 def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]:
-    """Count how often each value occurs. Raises InvalidInputError if a value or the mean is outside the span."""
+    """Count the occurrences of each value. Raises InvalidInputError if a value or the mean is outside the span."""
     counts = Counter(values)
     outside = [value for value in counts if not span[0] <= value <= span[1]]
     if outside:
@@ -91,7 +91,7 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
 
 
 def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
-    """Return the mean wealth over all stakes. ``gain`` returns how much one unit of stake gains or loses at a value."""
+    """Return the mean wealth over all stakes. ``gain`` returns the gain or loss per unit of stake at a value."""
     logs = np.zeros(_STAKES)
     for value, count in sorted(counts.items()):
         logs += count * np.log1p(_stakes() * gain(value))

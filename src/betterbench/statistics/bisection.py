@@ -1,11 +1,11 @@
-"""Bisection search for the last number at which a condition holds."""
+"""Bisection search for the last number for which a condition holds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 _HALVINGS = 200
-"""Maximum number of times that the range is halved. It is enough to reach two neighboring floats."""
+"""Maximum number of times that the range is halved. This number is sufficient to reach two neighboring floats."""
 
 
 def last_held(held: Callable[[float], bool], inside: float, outside: float) -> float:

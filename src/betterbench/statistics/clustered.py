@@ -1,4 +1,4 @@
-"""Mean of scores and its interval if the scores come in clusters, such as answers about the same image."""
+"""Mean of scores that come in clusters, such as answers about the same image, with its confidence interval."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from betterbench.statistics.paired import PairedTable
 from betterbench.statistics.rate import Rate
 
 POINTS = 100.0
-"""Percentage points in one whole."""
+"""Number of percentage points in a difference of 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Difference:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval does not contain zero, i.e. excludes "no difference"."""
+        """Whether the interval does not contain zero, so that "no difference" is excluded."""
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:

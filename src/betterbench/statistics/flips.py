@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 EXACT_UP_TO = 16
-"""Largest number of pairs for which all combinations of signs are enumerated."""
+"""Maximum number of pairs for which all combinations of signs are enumerated."""
 DRAWN = 99_999
 _SLACK = 1e-9
 _AT_ONCE = 10_000_000

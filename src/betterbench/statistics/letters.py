@@ -12,9 +12,9 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
     """Assign letters to items such that two items share a letter if and only if they do not differ significantly.
 
     This is the insert-and-absorb algorithm (Piepho, Journal of Computational and Graphical Statistics 13, 2004,
-    456-466). At first, all items have the same letter. For every pair that differs, each letter that both items share
-    is split into a letter without the first item and a letter without the second item. A letter is dropped if another
-    letter covers all its items.
+    456-466). At first, all items have the same letter. For every pair that differs, each letter that the two items
+    share is split into a letter without the first item and a letter without the second item. A letter is dropped if
+    another letter covers all its items.
 
     Args:
         different: Whether items ``i`` and ``j`` differ significantly (n, n). Symmetric, with False on the diagonal.

@@ -13,8 +13,8 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """Return the p-values after adjustment by the step-down procedure of Holm (1979).
 
     If all hypotheses with an adjusted p-value below ``alpha`` are rejected, the probability of any false rejection in
-    the family is below ``alpha``, whatever the dependence among the tests. The ``i``-th smallest of ``m`` p-values is
-    multiplied by ``m - i + 1``. Adjusted values have the same order as the original values and are at most 1.
+    the family is below ``alpha``, regardless of the dependence among the tests. The ``i``-th smallest of ``m`` p-values
+    is multiplied by ``m - i + 1``. Adjusted values have the same order as the original values and are at most 1.
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):
@@ -32,7 +32,7 @@ def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses:
 
     The procedure of Wang and Ramdas (Journal of the Royal Statistical Society B 84, 2022, 822-852) rejects the ``k``
     hypotheses with the most evidence, for the largest ``k`` at which each of them has an e-value of at least ``m /
-    (level k)``. The expected fraction of true hypotheses among the rejected ones is at most ``level``, for any
+    (level k)``. The expected fraction of true hypotheses among the rejected hypotheses is at most ``level``, for any
     dependence and any stopping time. If all ``m`` hypotheses are true, this bounds the probability of any rejection.
 
     Args:

@@ -1,4 +1,4 @@
-"""Tests for paired trials, such as a trial and its counterfactual twin, or two policies on the same seeds."""
+"""Tests for paired trials, such as a variation trial and its training twin, or two policies on the same seeds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PairedTable:
 
 
 def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> float:
-    """Return the two-sided p-value of an exact test for pairs of which several may share the same first trial.
+    """Return the two-sided p-value of an exact test for pairs, where several pairs may share the same first trial.
 
     Pairs with the same first trial form a group. Under the null hypothesis, the first trial of a group and its second
     trials are exchangeable. The statistic is the sum of first minus second outcomes over all pairs. Its distribution

@@ -24,9 +24,9 @@ DEFAULT_POWER = 0.8
 """Required probability of detecting a true difference. 80 % is the usual value for planning."""
 
 EXACT_ARM_LIMIT = 300
-"""Largest number of trials per arm for which the power is summed over all outcomes of Barnard's test (0.2 s and 0.7
-MB). For more trials, the normal approximation is used. At the limit, both give the same smallest difference to 0.1
-points.
+"""Maximum number of trials per arm for which the power is summed over all outcomes of Barnard's test (0.2 s and 0.7
+MB). For more trials, the normal approximation is used. At the limit, the two methods give the same smallest difference
+to 0.1 points.
 """
 
 _NEGLIGIBLE = 1e-20
@@ -45,7 +45,7 @@ class DetectableDifference:
         n: Number of trials or pairs.
         alpha: Two-sided level of the test.
         power: Required probability of detecting the difference.
-        assumption: Test and assumption behind the value, as a phrase for a caption.
+        assumption: Test and assumption on which the value is based, as a phrase for a caption.
     """
 
     value: float | None
@@ -149,9 +149,9 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest difference, up to ``room``, at which the power is sufficient, or None if there is none.
+    """Return the smallest difference, up to ``room``, with sufficient power, or None if there is none.
 
-    Bisection finds it, because the power grows with the difference.
+    It is found by bisection, because the power grows with the difference.
     """
     low, high = 0, int(np.floor(room * _STEPS + 1e-9))
     if power_at(high / _STEPS) < power:

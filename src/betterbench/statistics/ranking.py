@@ -61,7 +61,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the lower end of the confidence interval if ``end`` is 0, or the upper end if ``end`` is 1."""
+    """Return an end of the confidence interval: the lower end if ``end`` is 0, the upper end if ``end`` is 1."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:
@@ -72,11 +72,11 @@ def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
 
 
 EXACT_RANKS_UP_TO = 8
-"""Largest number of cases for which all orders are enumerated."""
+"""Maximum number of cases for which all orders are enumerated."""
 _DRAWN_ORDERS = 99_999
 _RESAMPLES = 10_000
 _MOST_COMPARED = 1 << 20
-"""Maximum number of pairs of values compared at once, for bounded memory."""
+"""Maximum number of pairs of values that are compared at once. It limits the memory."""
 _SLACK = 1e-9
 
 

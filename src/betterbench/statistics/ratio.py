@@ -1,4 +1,4 @@
-"""Ratio and difference of two independent differences, for example to tell how much of a gap remains."""
+"""Ratio and difference of two independent differences, for example to compute how much of a gap remains."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ from betterbench.statistics.interval import check_counts
 _FLOAT_DIGITS = 12
 """Number of significant decimal digits that are used of a float.
 
-A float has 15, but the last digits contain rounding errors of binary arithmetic, because of which 7.685 could be
-rounded up or down.
+A float has 15, but the last digits contain rounding errors of binary arithmetic. With these errors, 7.685 could be
+rounded either up or down.
 """
 
 

@@ -49,7 +49,7 @@ class EProcess:
 
     @property
     def p_value(self) -> float:
-        """P-value that is valid at any time. It is the inverse of the largest evidence so far, but at most 1."""
+        """p-value that is valid at any stopping time: the inverse of the largest evidence so far, but at most 1."""
         return math.exp(-max(0.0, *self.logs)) if self.logs else 1.0
 
     @property
@@ -60,7 +60,7 @@ class EProcess:
 
 
 def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEFAULT_ALPHA) -> EProcess:
-    """Return the evidence from dependent pairs, such as two policies on the same trials.
+    """Return the evidence from dependent pairs, such as two policies' trials with the same seed.
 
     This is the sequential form of McNemar's test. If the two rates are equal, each discordant pair favors the first or
     the second with probability 1/2. The next discordant pair is predicted from the earlier pairs: with ``s`` of ``t``

@@ -16,8 +16,8 @@ The chance ``c`` of guessing an item is known. The fitted parameters are:
 Because each kind has its own ``k``, kinds that are difficult at every size do not move the threshold.
 
 If there are several conditions, such as image resolutions, one function is fitted to all items. If the sizes explain
-all differences between the conditions, measured and predicted scores drop equally from one condition to another. A
-larger measured drop is reported as a further loss.
+all differences between the conditions, the measured score drops as much as the predicted score from one condition to
+another. A larger measured drop is reported as a further loss.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _BINS = 100
 Sizes are rounded to these classes, so that equal items are counted together.
 """
 _WIDER = 1.5
-"""Factor by which the bootstrap's deviations of a further loss are widened.
+"""Factor by which the bootstrap deviations of a further loss are multiplied.
 
 The bootstrap underestimates them for sharp thresholds. On a set with 881 items in 34 clusters, the standard deviation
 over 14 simulations was 1.3 to 1.6 times that of the bootstrap.
@@ -62,10 +62,9 @@ _LEAST_P = 0.005
 _PRECISION = {"maxiter": 100, "ftol": 1e-6, "gtol": 1e-4}
 """Tolerances of a fit. With them, the log-likelihood of a thousand items is exact to a thousandth."""
 _RESOLUTION = 1 / 40
-"""Half width in log size within which a fit cannot locate a threshold.
+"""Uncertainty of a fitted threshold in log size, by which the interval is extended on both sides.
 
-The interval is extended by it on both sides. It is the scale of the steepest F, which even a model with a sharp
-threshold has.
+It is the scale of the steepest F, which is the F of a model with a sharp threshold.
 """
 
 _Numbers = npt.NDArray[np.float64]
@@ -74,7 +73,7 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Drop in the mean score from the first condition to another one, beyond the drop that stimulus sizes explain.
+    """Part of the drop in the mean score from the first condition to another one that stimulus sizes do not explain.
 
     Attributes:
         value: The loss as a fraction. It is negative if the score is higher than the sizes explain.
@@ -323,7 +322,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """For each condition, return how much more the mean score drops from the first condition than predicted."""
+        """Return the measured minus the predicted drop in the mean score of each condition, relative to the first."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)

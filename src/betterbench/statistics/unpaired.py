@@ -11,8 +11,8 @@ from betterbench.statistics.rate import Rate
 _NUISANCE_POINTS = 257
 """Number of values of the unknown common rate over which a p-value is maximized.
 
-They are evenly spaced in the arcsine of the square root of the rate, where the standard error is constant. With sixteen
-times as many values, no Barnard p-value of 20 trials per arm changes by more than 0.00002.
+They are evenly spaced in the arcsine of the square root of the rate, where the standard error is constant. With 16
+times as many values, no Barnard p-value for 20 trials per arm changes by more than 0.00002.
 """
 
 _TIE = 1e-9
@@ -82,7 +82,7 @@ def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
     flat = _pooled_score(n, n).ravel()
     order = np.argsort(-flat, kind="stable")
     descending = flat[order]
-    # The p-value of an outcome includes all outcomes that are at least as extreme, and thus also ties.
+    # The p-value of an outcome includes all outcomes that are at least as extreme, including ties.
     last_tie = np.searchsorted(-descending, -descending * (1.0 - _TIE), side="right") - 1
     worst = np.zeros(flat.size)
     for rate in _common_rates():
@@ -113,16 +113,16 @@ def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
 
 
 def _common_rates() -> npt.NDArray[np.float64]:
-    """Return the common rates to search, from above 0 to 1/2.
+    """Return the common rates over which a p-value is maximized. They are greater than 0 and at most 1/2.
 
-    Larger rates follow by swapping successes and failures.
+    Larger rates are covered by exchanging successes and failures.
     """
     rates: npt.NDArray[np.float64] = np.sin(np.linspace(0.0, np.pi / 4.0, _NUISANCE_POINTS)[1:]) ** 2
     return rates
 
 
 def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
-    """Return the largest probability of a set of outcomes over all success rates that both arms may have in common.
+    """Return the maximum probability of a set of outcomes over all common success rates of the two arms.
 
     Returns:
         The maximum over a grid of common rates. The grid is refined once around its best point.
@@ -145,6 +145,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Return whether the rates cannot be told apart, since an arm has no trials or all trials have the same outcome."""
+    """Return whether no test is possible, because an arm has no trials or all trials have the same outcome."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

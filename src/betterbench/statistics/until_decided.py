@@ -1,9 +1,9 @@
-"""Sequential allocation of trials. It tests with few trials whether variations are solved less often than their twins.
+"""Sequential allocation of trials, to test with few trials whether variations are solved less often than their twins.
 
 A question is whether one condition (a variation) is solved less often than its twin (a training condition) on the same
-seeds. In each round, all open questions get the same further seeds. After every round, questions with a verdict get no
-more trials. Which trials are run depends only on the outcomes, so replaying the rounds shows which trials have been run
-and which come next.
+seeds. In each round, all open questions get the same additional seeds. After every round, questions with a verdict get
+no more trials. The choice of trials depends only on the outcomes, so replaying the rounds shows which trials have been
+run and which come next.
 
 The drop in a question is the twin's rate minus the condition's rate. Two null hypotheses are tested on the pairs by
 :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
@@ -35,9 +35,9 @@ FIRST_PAIRS = 5
 """Number of pairs in the first round. It is the smallest number that allows a verdict if all pairs agree."""
 
 TWIN_SHARE = 0.5
-"""Minimum fraction of pairs in which the twin must succeed.
+"""Minimum fraction of pairs in which the training twin must succeed.
 
-If it succeeds less often, a drop by the margin can hardly be detected.
+If the twin succeeds less often, a drop by the margin can hardly be detected.
 """
 
 
@@ -45,11 +45,11 @@ class Verdict(StrEnum):
     """Verdict on a question."""
 
     DROP = "drop"
-    """The condition is solved less often than its twin."""
+    """The condition is solved less often than its twin (the training condition on the same seeds)."""
     NO_DROP = "no_drop"
-    """The condition's rate is not lower than the twin's by the margin or more."""
+    """The drop of the condition's rate against the twin's rate is smaller than the margin."""
     NOT_LEARNED = "not_learned"
-    """The same as "no drop", but the twin fails in most pairs, so a drop could hardly be detected."""
+    """No drop was found, but the training twin fails in most pairs, so a drop could hardly be detected."""
     OPEN = "open"
     """The evidence is not yet sufficient for a verdict."""
 
@@ -83,7 +83,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether a condition is solved less often than its twin. Both are given by name."""
+    """Question of whether a condition is solved less often than its training twin. Both are given by name."""
 
     condition: str
     twin: str

@@ -4,7 +4,7 @@
   tables.
 - ``benchmarks``: one file per benchmark, which reads its data in all published formats. ``rows`` reads the files.
 - ``prompts``: prompts, stored as data and chosen by an identifier.
-- ``scoring``: scores in which every item counts, even if it has no answer. ``official``: reproductions of the scorers
+- ``scoring``: scores over all items, including items without an answer. ``official``: reproductions of the scorers
   of the benchmarks' authors and of other programs, including their faults.
 - ``models``: image resolutions, and models that run in this process.
 - ``running``: a run of a model over a benchmark, which can be resumed. ``fetching`` downloads the data.

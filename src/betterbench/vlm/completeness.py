@@ -19,8 +19,8 @@ class Completeness:
         title: Title of the benchmark, for messages.
         n: Number of items in the data set.
         expected: Published number of items, or None if it is unknown or not fixed.
-        groups: Number of items and published number of each group, keyed by the name of the group. Groups without a
-            published number are left out.
+        groups: Number of items in the data set and published number for each group, keyed by the name of the group.
+            Groups without a published number are left out.
     """
 
     title: str
@@ -35,7 +35,7 @@ class Completeness:
 
     @property
     def sentence(self) -> str:
-        """Sentence that describes what is missing. Empty if the data set is complete."""
+        """Sentence that describes the missing items. Empty if the data set is complete."""
         if self.is_complete:
             return ""
         differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]

@@ -4,9 +4,9 @@ Eyesight is estimated from the answers of the model. Each item of a question set
 of its object in the image. A psychometric function is fitted to the scores of one run, and yields the object size at
 which the model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to
 several runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all
-scores. In this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of
-the shown images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in
-pixels.
+scores. If one size explains them, the only effect of a lower resolution is that small objects become unreadable. All
+sizes are measured at the effective resolution of the shown images
+(:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ class EyesightComparison:
     Attributes:
         name: Name of the model, with all settings that the runs have in common.
         benchmark: Title of the benchmark.
-        scores: Mean score of the items with a known object size, keyed by eyes (image resolution).
-        alone: Threshold fitted to each run alone, keyed by eyes.
+        scores: Mean score of the items with a known object size, for each image resolution.
+        alone: Threshold fitted to each run alone, for each image resolution.
         one: Threshold fitted to all runs together. For each run except the first, it also contains the part of the loss
             (compared with the first run) that the object sizes do not explain.
     """

@@ -42,8 +42,8 @@ class FetchedFile:
 def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | None = None) -> list[FetchedFile]:
     """Download all missing files of a benchmark into a folder.
 
-    Each file is written under a temporary name and renamed when it is complete. Therefore a file that has its final
-    name is always complete.
+    Each file is written under a temporary name and renamed when it is complete, so that a file with its final name is
+    always complete.
 
     Args:
         benchmark: The benchmark.

@@ -25,14 +25,14 @@ _MASKS = 32
 """Maximum number of target regions that are kept in memory."""
 
 AXIS, TRAINING = "axis", "training"
-"""Kind of group that an item has for the axis of its scene, and the name of the group for training scenes."""
+"""Kind of group for the axis of an item's scene, and the name of the group for training scenes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gold:
     """Correct answer to an item: a text, a box or a target region.
 
-    A target region is given by a mask image or as run lengths. The attributes that the answer does not need are None.
+    A target region is given by a mask image or as run lengths. Attributes that do not apply to the answer are None.
 
     Attributes:
         text: The letter of the correct option, "Yes", "No", or the digits of a number.
@@ -128,13 +128,13 @@ class ItemSet:
         items: The items, in the order of the data.
         read: Function that returns the content of an image file, given the name of the image. The file has any format
             that Pillow reads.
-        files: SHA-256 of each file that items were read from, keyed by file name. The hashes are part of the content
+        files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
             hash.
-        reference: Success rates in percent that each group is compared with, such as those of guessing and of a
-            classifier without access to the image.
+        reference: Reference success rates for each group [%], such as those of guessing and of a classifier without
+            access to the image.
         content: Content hash of the source, if the source defines one. If empty, the hash is computed from the items.
-        twins: For each item about a variation, the identifier of its twin, i.e. of the same question about the training
-            scene.
+        twins: Identifier of the static twin of each item about a variation. The twin is the same question about the
+            training scene.
     """
 
     benchmark: str

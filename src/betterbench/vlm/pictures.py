@@ -53,8 +53,8 @@ def not_a_picture(where: str, error: Exception) -> InvalidInputError:
 def require_whole(data: bytes, where: str) -> None:
     """Raise InvalidInputError if an image is too large, truncated, or cannot be decoded.
 
-    Decoding takes most of the processor time of a request, so this function does not decode images at full size. For a
-    PNG file, it only verifies the checksums (0.1 ms instead of 9 ms for 640 x 480 pixels). A JPEG file is decoded
+    Decoding takes most of the CPU time of a request, so this function does not decode images at full size. For a PNG
+    file, it only verifies the checksums (0.1 ms instead of 9 ms for 640 x 480 pixels). A JPEG file is decoded
     completely, but at an eighth of its size (0.6 ms instead of 1.1 ms).
     """
     size_of(data, where)

@@ -1,8 +1,8 @@
 """Test whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
 
 The illusion gap is the drop in a policy's success rate when the scene changes. The paper uses static evaluation of the
-policy's model as a proxy for how well the policy understands scenes. If this is valid, policies with a higher static
-score or a smaller static illusion gap have a smaller illusion gap in simulation.
+policy's model as a proxy for how well the policy understands scenes. If the proxy is valid, policies with a higher
+static score or a smaller static illusion gap have a smaller illusion gap in simulation.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class PolicyPoint:
     Attributes:
         name: Name of the policy.
         score: Headline number of the static benchmark, as a fraction.
-        items: Number of items that the score is based on.
+        items: Number of items on which the score is based.
         static_gap: Static illusion gap (the drop in the static score when the scene changes), as a fraction. None if
             the run has no static illusion gap.
         gap: Illusion gap in simulation over all variations, as a fraction.
         low: Lower end of the confidence interval of ``gap``.
         high: Upper end of the confidence interval of ``gap``.
-        pairs: Number of trial pairs (variation and training) that the gap is based on.
+        pairs: Number of trial pairs (variation and training) on which the gap is based.
         training: Success rate in the training trials of the pairs.
         variation: Success rate in the variations of the pairs.
     """

@@ -33,9 +33,9 @@ TOLERANCE = 0.1
 """Maximum error of a matching answer, as a fraction of the image side. It is about three standard deviations of a
 pointing noise of 3 %."""
 _MOST_FITTING = 0.8
-"""Minimum fraction of matching answers with which a convention is accepted."""
+"""Minimum fraction of matching answers for a convention to be accepted."""
 _FEWEST = 6
-"""Minimum number of answers with coordinates from which a convention can be determined."""
+"""Minimum number of answers with coordinates for a convention to be determined."""
 
 Order = Literal["xy", "yx"]
 _SCALES: Mapping[int | None, str] = {None: "pixels", 1: "fractions", 100: "percent", 1000: "thousandths"}
@@ -224,7 +224,7 @@ def probe_model(
     at_once: int = 4,
     on_progress: OnCount | None = None,
 ) -> Finding:
-    """Ask a model for the positions of known shapes, and find out the coordinate convention of its answers.
+    """Ask a model for the positions of known shapes, and determine the coordinate convention of its answers.
 
     Args:
         model: The model.
@@ -302,7 +302,7 @@ def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes 
 
 
 def _numbers(text: str) -> list[Fraction]:
-    """Return the numbers in the last point or box of a reply, as written. The list is empty if there is none."""
+    """Return the numbers in the last point or box of a reply, as written. The list is empty if the reply has none."""
     value = read_text(AnswerSpec(Form.POINTS, convention=CONVENTIONS["pixels"]), text).answer
     return list(exact_groups(value)[-1]) if value else []
 

@@ -77,7 +77,7 @@ class RunSettings:
         eyes: Resolution of the images.
         most_tiles: Maximum number of tiles per image. If None, it is the model's own maximum.
         at_once: Number of simultaneous requests.
-        probe: Whether to check the declared coordinate convention with ten images, before a run that asks for points or
+        probe: Whether to check the declared coordinate convention with ten images before a run that asks for points or
             boxes.
         official: Whether to add the scores of upstream programs, i.e. of the benchmark's own and other published
             scorers.
@@ -335,7 +335,7 @@ def _require_accepted(found: Answers, file: Path) -> None:
 def _extracted(
     items: ItemSet, extractor: Model, texts: Mapping[str, str], out: Path, *, settings: RunSettings, bar: Bar
 ) -> Answers:
-    """Have the extractor read the replies that the parser cannot read, and return the extractor's replies."""
+    """Send the replies that the parser cannot read to the extractor, and return the extractor's replies."""
     convention = settings.convention
     requests: dict[str, Request] = {}
     for item in items.items:

@@ -1,4 +1,4 @@
-"""Scores of answers. Every item of the benchmark counts, so the denominators are fixed.
+"""Scores of answers. All items of a benchmark are in the denominator, with or without an answer.
 
 An item scores 0 if it has no answer, if its request was rejected, or if its answer cannot be read. Each score has three
 columns. The first column only counts values that the strict parser has read. The second column also counts values that
@@ -26,8 +26,7 @@ from betterbench.vqa.question import Form
 from betterbench.vqa.scoring import is_in_place
 
 COLUMNS = ("strict", "parsed", "extracted")
-"""Columns of a score. They count the values that were read by the strict parser, by any parser, and by any parser or
-the extractor."""
+"""Columns of a score: values from the strict parser, from both parsers, and from both parsers and the extractor."""
 
 _LEVELS = {"easy": 1, "medium": 2, "hard": 3}
 

@@ -1,9 +1,10 @@
-"""Static illusion gap: how much more accurate a model is on training scenes than on variations of them.
+"""Static illusion gap: accuracy of a model on training scenes minus its accuracy on variations of these scenes.
 
 It corresponds to the illusion gap of a policy in simulation, i.e. to the drop in its success rate when the scene
 changes. The static gap is measured with questions instead of actions, on the same scenes and seeds. Each question about
 a variation is paired with its twin, the same question about the training scene
-(:func:`~betterbench.vqa.twins.static_twins`). Pairs about the same training scene are kept together in the statistics.
+(:func:`~betterbench.vqa.twins.static_twins`). Pairs about the same training scene are not independent, so the
+statistics treat them as a cluster.
 """
 
 from __future__ import annotations

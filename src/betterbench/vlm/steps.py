@@ -31,7 +31,7 @@ FACTORS = {
     "extractor": "extractor",
     "max_tokens": "longest answer",
 }
-"""Settings of a run that may explain a difference, each with the name under which it is shown."""
+"""Settings of a run that may explain a difference, each with the name that is shown for it."""
 _ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 
@@ -41,9 +41,9 @@ class Cell:
 
     Attributes:
         value: Headline number of the benchmark, as a fraction.
-        n: Number of items that the headline number is based on.
+        n: Number of items on which the headline number is based.
         run: Folder of the run.
-        parts: Mean score of each group that the paper's table shows as a column, keyed by the name of the group.
+        parts: Mean score of each group that is a column of the paper's table, keyed by the name of the group.
     """
 
     value: float
@@ -125,8 +125,8 @@ class GroupStep:
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below the significance level.
-        explained_by: Smaller groups that explain the difference. Each of them has a supported difference, and without
-            their items, the difference of this group is not significant.
+        explained_by: Smaller groups that explain the difference. Each of them has a supported difference. Without the
+            items of these groups, the difference is not significant.
     """
 
     upper: str
@@ -190,7 +190,7 @@ def step_table(
     Args:
         paths: Folders of the runs, in the order of the rows. Runs with the same name are in one row.
         names: Label of the table row for each run. If empty, the label consists of the model, its image resolution and
-            number of tiles, and also of the prompt if runs differ only in the prompt.
+            number of tiles and, if runs differ only in the prompt, the prompt.
         column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Significance level of the tests.
 
@@ -224,8 +224,8 @@ def step_table(
 def _names(runs: Sequence[StoredRun]) -> list[str]:
     """Return the label of the table row for each run.
 
-    The name consists of the model, the image resolution and the number of tiles. If runs differ only in the prompt, it
-    also contains the prompt.
+    The label consists of the model, the image resolution and the number of tiles. If runs differ only in the prompt,
+    the label also contains the prompt.
     """
     plain = [(_name(run), run.benchmark.name) for run in runs]
     prompts = defaultdict[tuple[str, str], set[str]](set)

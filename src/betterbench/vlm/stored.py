@@ -74,7 +74,7 @@ class StoredRun:
 
     @property
     def benchmark(self) -> Benchmark:
-        """Benchmark that the model was evaluated on."""
+        """Benchmark on which the model was evaluated."""
         return find_benchmark(str(self.head["benchmark"]))
 
     def static_gap(self, column: str) -> float | None:
@@ -91,7 +91,7 @@ class StoredRun:
             raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no entry {error}. {_CURE}.") from error
 
     def counted(self) -> tuple[StoredItem, ...]:
-        """Return the items that the headline number of the benchmark is based on."""
+        """Return the items that are included in the headline number of the benchmark."""
         rule = self.benchmark.headline
         if rule.rule == "micro":
             return tuple(self.items.values())

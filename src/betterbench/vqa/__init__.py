@@ -4,7 +4,7 @@
   levels of difficulty.
 - ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records. ``balance`` balances their
   answers.
-- ``asking``, ``scoring``, ``blind``, ``llm``: the answers of a model, their scores, and baselines that do not see the
+- ``asking``, ``scoring``, ``blind``, ``llm``: the answers of a model, their scores, and baselines without access to the
   image.
 - ``knowing``: whether a model knew the right decision in the trials where the policy failed.
 """

@@ -43,7 +43,7 @@ logger = logging.getLogger(__name__)
 _LONGEST_NAME = 200
 _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
-"""Text with which the first line of an answer file begins."""
+"""Text at the beginning of the first line of an answer file."""
 MOST_AT_ONCE = 256
 """Maximum number of requests that are sent at the same time."""
 _MOST_AHEAD = 64
@@ -54,8 +54,8 @@ They wait because answers are written in the order of the requests.
 _SYNC_WITHIN_S = 1.0
 """Maximum time until an answer is flushed to disk [s].
 
-A flush takes 4 ms, so that flushing after each answer would limit a run to 250 answers per second. A process that is
-killed loses nothing. A power failure may lose the answers of this interval.
+A flush takes 4 ms, so that flushing after each answer would limit a run to 250 answers per second. If the process is
+killed, no answer is lost. A power failure can cause the loss of the answers in this interval.
 """
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
@@ -72,7 +72,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the sentence of the prompt that states the form in which to answer."""
+    """Return the sentence of the prompt that states the required form of the answer."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -183,14 +183,14 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score on one part of a question set.
+    """Score of a model on one part of a question set.
 
     Attributes:
         name: Name of the part.
         rate: Fraction of correct answers.
         read: Number of answers that could be parsed.
         strict: Number of answers that were written in exactly the requested form.
-        chance: Fraction of correct answers expected from guessing without the image.
+        chance: Expected fraction of correct answers if all answers are guessed without the image.
         blind: Fraction of questions that are answered correctly by a classifier that sees only the text of the
             question.
     """
@@ -338,7 +338,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether new answers can be appended to a file. It must be empty or have the same first line."""
+    """Return whether new answers can be appended to a file, i.e. whether it is empty or has the same first line."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 

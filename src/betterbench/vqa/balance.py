@@ -1,11 +1,11 @@
 """Selection of questions with balanced answers, so that the text of a question alone does not reveal the answer.
 
 Questions belong to the same group if their wording gives the same information, i.e. if they have the same family and
-are about the same objects. Within a group, every answer that is kept occurs equally often. Therefore, no rule that uses
-only the text is better than guessing. A group with only one answer is left out, because it could be answered without
-the image. Boxes and points are balanced over cells of the image. If possible, all types have the same number of
-questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type together.
-Questions are selected by hashes of their text and frame, never by their answer.
+are about the same objects. Within a group, each of the selected answers occurs equally often. Therefore, no rule that
+uses only the text is better than guessing. A group with only one answer is left out, because it could be answered
+without the image. Boxes and points are balanced over cells of the image. If possible, all types have the same number of
+questions, and all kinds within a type have the same number of questions. No kind has more questions than all other
+kinds of its type together. Questions are selected by hashes of their text and frame, never by their answer.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ NameT = TypeVar("NameT", bound=str)
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Selected question, with the answers that are kept in its group.
+    """Selected question, with the answers that are selected in its group.
 
     Attributes:
         candidate: The question.
-        answers: Answers that are kept in the group, sorted.
+        answers: Answers that are selected in the group, sorted.
         turn: Index of the question among those questions of its group that have the same answer. Cross-validation keeps
             questions with the same turn together, so that each fold is as balanced as the whole set.
     """
@@ -50,7 +50,7 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Keep at most :data:`MOST_ALIKE` of several questions that are almost identical.
+    """Keep at most :data:`MOST_ALIKE` questions of each set of almost identical questions.
 
     The remaining questions are returned in the order of their identifiers.
     """
@@ -148,9 +148,9 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
 
 
 def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
-    """Return how many questions each type or family gets.
+    """Return the number of questions for each type or family.
 
-    All get the same number if possible. If a type or family has too few questions, the others get more.
+    If possible, all get the same number. If a type or family has too few questions, the others get more.
     """
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count

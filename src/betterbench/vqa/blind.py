@@ -1,8 +1,9 @@
 """Baselines that do not see the image: the most frequent answer, and naive Bayes on the words of the question.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words, with add-one smoothing. See
-McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by
-cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this cell.
+McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. The classifier is
+tested by cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this
+cell.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 FOLDS = 5
 """Number of folds in the cross-validation."""
 TARGET_POINTS = 5.0
-"""Maximum amount by which the blind classifier may exceed chance for a type of question [percentage points]."""
+"""Maximum accepted accuracy of the blind classifier above chance, for a type of question [percentage points]."""
 
 
 @open_form
@@ -41,7 +42,7 @@ class Baseline:
         blind: Number of correct answers of the classifier.
         majority: Number of questions that are answered correctly by the most frequent answer.
         chance: Expected fraction of correct answers if each question is answered with a random answer from its group.
-            For boxes and points, this is the fraction of questions that the best constant answer gets right.
+            For boxes and points, this is the fraction of questions for which the best constant answer is correct.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Baseline:
 
     @property
     def excess_points(self) -> float:
-        """How much the classifier's accuracy exceeds the accuracy expected by chance [percentage points]."""
+        """Accuracy of the classifier minus the accuracy expected by chance [percentage points]."""
         return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
 
     @property
@@ -171,7 +172,7 @@ def _cell(box: Sequence[int], width: int, cells: int) -> str:
 
 
 def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
-    """Return, for each class of the classifier, the answer that the classifier gives."""
+    """Return the answer that the classifier gives for each of its classes."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
         members[answer_class(question)].append(question)

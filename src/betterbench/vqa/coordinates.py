@@ -1,6 +1,6 @@
-"""Coordinate conventions of vision-language models: the order, scale and written form of points and boxes.
+"""Coordinate conventions of vision-language models: the order, scale and notation of points and boxes.
 
-The user declares the convention. It is never guessed, because the same numbers mean different points in different
+The user declares the convention. It is never guessed, because the same numbers stand for different points in different
 conventions. The table follows RoboRefer's evaluation (github.com/Zhoues/RoboRefer, ``Evaluation/``) and the
 documentation of the models.
 """
@@ -29,7 +29,7 @@ class Convention:
         order: "xy" for column before row, "yx" for row before column.
         side: Value of a coordinate at the far edge of the image. None if coordinates are in pixels of the image that
             was sent.
-        form: Written form: tuples of numbers, JSON objects, or XML tags.
+        form: Notation: tuples of numbers, JSON objects, or XML tags.
         unit: Unit in words, for prompts. It may contain ``{width}`` and ``{height}``.
         models: Models that answer in this convention.
     """

@@ -1,6 +1,6 @@
 """Creation of question sets from the records of a run.
 
-The creation can be interrupted and resumed. The resulting set is byte-for-byte the same.
+The creation can be interrupted and resumed. Interruptions do not change any byte of the resulting set.
 
 While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials have been
 processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
@@ -81,7 +81,7 @@ warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
-"""Cameras of the images. Questions do not name the camera, so that it gives no hint about positions in the image."""
+"""Cameras of the images. Questions do not name the camera, because its name could reveal positions in the image."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
 """Maximum number of questions in a set, and maximum number of frames per trial."""
@@ -116,7 +116,7 @@ class PhotoSource(Protocol):
         """Return the image from a camera at a row of a record, with the objects that are visible in it."""
 
     def stop(self) -> None:
-        """Make all rendering threads stop soon by raising an error in each of them."""
+        """Stop all rendering threads soon, by raising an error in each of them."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -137,8 +137,8 @@ class SetOptions:
 
     Attributes:
         questions: Approximate number of questions, or 0 for the largest balanced set.
-        frames: Number of frames per trial, or 0 for all frames. The trial is divided into as many equally long parts,
-            and one frame is taken from each.
+        frames: Number of frames per trial, or 0 for all frames. The trial is divided into this number of equally long
+            parts, and one frame is taken from each.
         cameras: Cameras of the images.
         size: Side of the images [pixel].
         quality: Render quality of the images.
@@ -216,7 +216,7 @@ class QuestionSet:
         """Check that the set was made from the same records that the run contains now.
 
         Raises:
-            InvalidInputError: If a record of the run differs from the one that the set was made from.
+            InvalidInputError: If a record of the run differs from the record from which the set was made.
         """
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
@@ -304,7 +304,7 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
-    """Return what the questions may be used for: "test" or "training", depending on the seeds of the trials.
+    """Return the permitted use of the questions: "test" or "training", depending on the seeds of the trials.
 
     Raises:
         InvalidInputError: If the trials mix seeds of demonstrations and of evaluation.
@@ -320,7 +320,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of a run's plan, to identify the run."""
+    """Return a hash of a run's plan, which identifies the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 
@@ -585,7 +585,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the hashes of the records that a set was made from, or an empty dict if they are not stored."""
+    """Return the hashes of the records from which a set was made, or an empty dict if they are not stored."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

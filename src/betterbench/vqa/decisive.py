@@ -3,8 +3,8 @@
 In a failed trial, the decisive moment is the first wrong decision according to the diagnosis. In a successful trial, it
 is the first attempt. Questions about the right target, its position, finished steps and the presence of objects use the
 frame at which this decision began. The question about the object at the gripper uses the frame of the attempt. Each
-question is asked twice, with different wording and a different order of the options, because a guess is rarely right
-twice.
+question is asked twice, with different wording and a different order of the options, because guesses are rarely right
+both times.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
 """Roles of questions about a decisive moment.
 
-- ``ASKED``: in which box the object is that must be picked or moved now.
-- ``WHERE``: in which box the named object is.
-- ``UNDER``: what the object at the gripper is.
+- ``ASKED``: which box contains the object that must be picked or moved now.
+- ``WHERE``: which box contains the named object.
+- ``UNDER``: what kind of object is at the gripper.
 - ``EXISTS``: whether an object is present.
 - ``DONE``: which steps are finished.
 """
@@ -86,8 +86,8 @@ DECIDING: dict[Label, tuple[str, ...]] = {
 }
 """Roles of the questions that show whether the model knew the right decision, by label of the trial.
 
-After a grasp of a look-alike, they ask what that object is. After a shortcut, they ask for the requested object and its
-position. After a wrong step, they ask for the current step and the finished steps.
+After a grasp of a look-alike, the questions ask for the kind of this object. After a shortcut, they ask for the
+requested object and its position. After a wrong step, they ask for the current step and the finished steps.
 """
 
 
@@ -99,7 +99,7 @@ class DecisiveOptions:
         cameras: Cameras to try in order, until one of them shows the objects of a question.
         size: Side of the images [pixel].
         quality: Render quality of the images.
-        seed: Seed of the wordings and of the order of options.
+        seed: Seed for choosing the wordings and the order of the options.
         tasks: Tasks whose trials are used. Empty for all tasks.
         failures_only: Whether only failed trials are used.
     """
@@ -291,7 +291,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question that asks what the next step is, for a condition where no step is left to do."""
+    """Return the question that asks for the next step, for a condition in which no step is left."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -318,7 +318,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _under(moment: Moment, i: int) -> _Asked | None:
-    """Return the question that asks what the object at the gripper is."""
+    """Return the question that asks which object is at the gripper."""
     thing = moment.objects[i]
     seen = moment.seen(thing.name)
     if seen is None or not moment.is_clear(thing.name):

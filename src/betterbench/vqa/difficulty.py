@@ -1,4 +1,4 @@
-"""Difficulty of a question, which depends on how many of its tags make it harder."""
+"""Difficulty of a question, given by the number of its tags that make it harder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Facts about an episode that questions need: condition, objects, and what the robot is doing at each row."""
+"""Facts about an episode that questions need: condition, objects, and the activity of the robot at each row."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ REACH_M = 0.10
 Slots are 12 cm apart.
 """
 NEAREST_BY_M = 0.03
-"""Minimum amount by which an object must be nearer to the gripper than all others, to be its visible target [m]."""
+"""Minimum difference in distance to the gripper between its visible target and all other objects [m]."""
 CARRY_M = 0.03
-"""Height above its previous support from which an object is visibly carried [m]."""
+"""Minimum height of an object above its previous support at which it is visibly carried [m]."""
 
 
 class Act(StrEnum):
@@ -69,7 +69,7 @@ class Episode:
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return what the robot is doing at a row, or None if an image would not show it clearly."""
+        """Return the activity of the robot at a row, or None if an image would not show it clearly."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -138,7 +138,7 @@ def kinds_of(task: str) -> tuple[str, ...]:
 
 @functools.cache
 def kinds_in_numbers() -> tuple[str, ...]:
-    """Return, sorted, the kinds of objects that occur more than once in at least one condition of the suite."""
+    """Return the kinds of objects that occur more than once in at least one condition of the suite, sorted."""
     found = set()
     for task in suite_tasks("better60"):
         for name in condition_names(get_task(task)):

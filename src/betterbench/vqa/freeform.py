@@ -1,9 +1,9 @@
 """Descriptions and questions written by a model. They are kept only if the recorded state proves their claims.
 
 The model gets an image and the names of objects that may be in it. It replies with descriptions and with pairs of a
-question and an answer, each with its claims in a small formal language. A text is kept if every claim can be decided
-from the state and is true. The claims must also cover all objects that the text mentions, and all words of the text
-about positions and states. Texts that cannot be checked are dropped.
+question and an answer. For each text, it also states the claims of the text in a small formal language. A text is kept
+if every claim can be decided from the state and is true. The claims must also cover all objects that the text mentions,
+and all words of the text about positions and states. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words about positions and states. A text with such a word must make one of the claims listed for it."""
+"""Words about positions and states. A text with such a word must make one of the word's claims."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [
@@ -122,7 +122,7 @@ LONGEST_TEXT = 600
 @open_form
 @dataclass(frozen=True, slots=True)
 class StateClaim:
-    """One claim in the formal language that :data:`CLAIMS` defines."""
+    """Claim in the formal language that is defined by :data:`CLAIMS`."""
 
     x: Annotated[str, Field(max_length=60)]
     says: Annotated[str, Field(max_length=30)]
@@ -150,7 +150,7 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Result of having a model describe images.
+    """Result of :func:`describe_images`.
 
     Attributes:
         path: File with the texts that were kept.
@@ -185,7 +185,7 @@ def describe_images(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Described:
-    """Have a model describe images from a set and write questions, and keep the texts that the state proves.
+    """Request descriptions of images and questions about them from a model, and keep the texts that the state proves.
 
     The results for each image are stored in ``descriptions/``, so that running an interrupted command again resumes it
     where it stopped. Texts that are kept are written to the set's ``descriptions.jsonl``, in LLaVA's conversation
@@ -247,7 +247,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return a model's texts about one image that are kept, and the reasons for dropping the others."""
+    """Return the texts of a model about one image that are kept, and the reasons for dropping its other texts."""
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -336,7 +336,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims that the answer to a question decides, as pairs of a claim and its truth value."""
+    """Return the claims that follow from the answer to a question, each with its truth value."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":

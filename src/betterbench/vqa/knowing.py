@@ -30,7 +30,7 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """Relation between what a model knows and what the policy does in a trial, such as "knows and does not"."""
+    """Relation between a model's knowledge and the policy's action in a trial, such as "knows and does not"."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
@@ -55,11 +55,10 @@ class TrialKnowledge:
         label: Outcome label of the trial.
         success: Whether the trial succeeded.
         standing: Relation between the model's knowledge and the policy's action.
-        roles: For each role of questions (such as "where") with answers, whether all of its questions were answered
-            correctly.
+        roles: Whether all questions of a role (such as "where") were answered correctly, for each role with answers.
         deciding: Roles of the questions that show whether the model knew the right decision. They depend on the label.
         chance: Probability of answering all deciding questions correctly without an image. This is the probability of
-            guessing them or of inferring them from the wording, whichever is larger.
+            guessing the answers or of inferring them from the wording, whichever is larger.
         task: Name of the task. In files of earlier versions, this field and the next two are empty.
         variation: Name of the variation, or None for a training condition.
         axis: Variation axis, or None.
@@ -87,7 +86,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """Numbers of trials with one label, broken down by what the model knew and what the policy did.
+    """Numbers of trials with one label, by the model's knowledge and the policy's action.
 
     Attributes:
         label: Outcome label.
@@ -105,7 +104,7 @@ class LabelKnowledge:
         """Check that the counts add up to the number of trials.
 
         Raises:
-            InvalidInputError: If the counts do not add up to it.
+            InvalidInputError: If the counts do not add up to this number.
         """
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)
@@ -167,12 +166,12 @@ class Knowledge:
         return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials with a given standing. If requested, count only failed or only solved trials."""
+        """Return the number of trials with a standing. ``failed`` restricts the count to failed or to solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
     def sentence(self) -> str:
-        """Sentence that summarizes what the model knew in the failed trials."""
+        """Sentence that states in how many failed trials the model knew the right decision."""
         failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
         known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:

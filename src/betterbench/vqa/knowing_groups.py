@@ -1,8 +1,8 @@
-"""Paired tests of what a model knows against what the policy does, by axis, variation and failure mode.
+"""Paired tests of a model's knowledge against the policy's actions, by axis, variation and failure mode.
 
-The unit is a trial: all questions about a trial together count as one answer that the model knew or did not know. In
-each group, the fraction of trials where the model knew the decision is compared with the policy's success rate in the
-same trials.
+The unit is a trial. The model counts as knowing the decision in a trial only if it answers all deciding questions about
+the trial correctly. In each group, the fraction of trials where the model knew the decision is compared with the
+policy's success rate in the same trials.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TRAINING = "training"
 
 
 class GroupVerdict(StrEnum):
-    """Result of the tests for one group of trials, which compare what the model knows with what the policy does."""
+    """Result of the tests for one group of trials. They compare the model's knowledge with the policy's actions."""
 
     KNOWS_MORE = "knows more than it does"
     DOES_MORE = "does more than it knows"
@@ -81,11 +81,11 @@ class GroupKnowledge:
         trials: Number of trials, with or without answers.
         knows: Fraction of trials where the model knew the decision, among the trials with answers.
         does: Fraction of trials that the policy solved, among the trials with answers.
-        expected: Number of trials where a model that does not see the image is expected to know the decision.
+        expected: Expected number of trials where a model that does not see the image knows the decision.
         failed: Number of failed trials with answers.
         known_failures: Number of these failed trials where the model knew the decision.
-        expected_failures: Number of these failed trials where a model that does not see the image is expected to know
-            the decision.
+        expected_failures: Expected number of these failed trials where a model that does not see the image knows the
+            decision.
         difference: The fraction ``knows`` minus the fraction ``does``, with Newcombe's interval for paired data.
         p_paired: Two-sided p-value of McNemar's exact test. It compares the trials where the model knew the decision
             with the solved trials.

@@ -1,4 +1,4 @@
-"""Moment: one frame of a trial, with the data needed for questions about it (state, camera view and episode)."""
+"""One frame of a trial, with the data for questions about it (state, camera view and episode)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Moment:
 
     @property
     def source(self) -> FrameSource:
-        """Frame of the record that this moment belongs to."""
+        """Frame of the record to which this moment belongs."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)
@@ -69,18 +69,18 @@ class Moment:
 
     @cached_property
     def single(self) -> dict[str, ObjectInfo]:
-        """Objects that are the only ones of their kind in the scene, sorted by kind."""
+        """Objects whose kind occurs only once in the scene, sorted by kind."""
         kinds = [o.kind for o in self.objects]
         return {o.kind: o for o in sorted(self.objects, key=lambda o: o.kind) if kinds.count(o.kind) == 1}
 
     @cached_property
     def named(self) -> dict[str, ObjectInfo]:
-        """Clearly visible objects that are the only ones of their kind in the scene, by kind."""
+        """Clearly visible objects whose kind occurs only once in the scene, by kind."""
         return {kind: o for kind, o in self.single.items() if self.is_clear(o.name)}
 
     @cached_property
     def things(self) -> dict[str, ObjectInfo]:
-        """Clearly visible objects that can be picked up and are the only ones of their kind in the scene, by kind."""
+        """Clearly visible objects that can be picked up and whose kind occurs only once in the scene, by kind."""
         return {k: o for k, o in self.named.items() if o.role in ("item", "distractor") and not o.fixed}
 
     @cached_property

@@ -26,7 +26,7 @@ from betterbench.vqa.types.grounding import CELLS, grounding
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """Object that a trial's instruction names, with the questions about its position.
+    """Object that a trial's instruction names, with questions about its position.
 
     Attributes:
         name: Name of the object in the scene.

@@ -1,4 +1,4 @@
-"""Nouns in questions: countable phrases for uncountable nouns ("slice of cheese"), and easily confused nouns."""
+"""Nouns in questions, with countable phrases for uncountable nouns ("slice of cheese") and lists of similar nouns."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
         "block box",
     )
 )
-"""Words for objects that may be mistaken for each other, or where one may be a part of the other."""
+"""Words for objects that may be mistaken for each other, or that may be parts of each other."""
 
 
 def indefinite(kind: str) -> str:

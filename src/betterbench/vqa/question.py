@@ -49,7 +49,7 @@ class Form(StrEnum):
     The answer is correct if the point is on a visible pixel of the object.
     """
     POINTS = "points"
-    """One or more points, scored by the fraction of them in the target region. Only published sets have this form."""
+    """One or more points. The score is the fraction in the target region. Only published sets have this form."""
 
 
 class Difficulty(StrEnum):
@@ -87,12 +87,12 @@ class Candidate:
         type: Topic of the question.
         form: Form of the answer.
         family: Kind of the question, regardless of the objects. Each family has its own wordings.
-        group: What the text reveals in addition to the family, such as the objects. Answers are balanced among the
-            questions with the same family and group.
+        group: Information that the text reveals in addition to the family, such as the objects. Answers are balanced
+            among the questions with the same family and group.
         bucket: Value that is balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.
         words: Words that are inserted into the wordings.
-        objects: Names in the scene of the objects that the question is about.
+        objects: Scene names of the objects that the question is about.
         source: Frame of the question.
         tags: Properties used for the difficulty and for filtering ("look-alike", "robot frame").
         box: True box of the object, for a question about a box.
@@ -117,7 +117,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group of the question. Together, they describe what the wording of the question reveals."""
+        """Family and group of the question. Together, they describe the information in the wording of the question."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
@@ -170,8 +170,8 @@ class Question:
         height: Number of rows of the image [pixel].
         difficulty: Difficulty of the question.
         tags: Properties used for the difficulty and for filtering.
-        objects: Names in the scene of the objects that the question is about.
-        group: What the text reveals. Answers are balanced among the questions of a group.
+        objects: Scene names of the objects that the question is about.
+        group: Information that the text reveals. Answers are balanced among the questions of a group.
         words: Words that are inserted into the wording.
         chance: Expected fraction of correct answers if the answer is guessed from the text. None for boxes and points,
             because they are compared with the best constant answer of the set.
@@ -247,7 +247,7 @@ def hash_number(*parts: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Part of a question that the generator of its type creates. Data about the frame are added afterward.
+    """Part of a question that is created by the generator of its type. Data about the frame are added afterward.
 
     For the fields, see :class:`Candidate`.
     """

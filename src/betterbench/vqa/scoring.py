@@ -34,7 +34,7 @@ def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "p
 
 
 def is_right(question: Question, answer: str | None) -> bool:
-    """Return whether an answer is correct. It must have the same format as the stored correct answer."""
+    """Return whether an answer, in the same format as the stored correct answer, is correct."""
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:
@@ -47,7 +47,7 @@ def is_right(question: Question, answer: str | None) -> bool:
 def is_in_place(
     groups: Sequence[Sequence[float]], *, box: Sequence[float] | None, runs: tuple[int, ...] | None, width: int
 ) -> bool:
-    """Return whether an answer is a single box that sufficiently overlaps the true box, or a point on a visible pixel.
+    """Return whether an answer is a single box with enough overlap with the true box, or a point on a visible pixel.
 
     Args:
         groups: Numbers of each box or point in the answer [pixel].

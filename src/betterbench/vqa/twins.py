@@ -1,8 +1,8 @@
 """Static twins: pairs of a question about a variation's scene and the same question about the training scene.
 
-The twin of a question is about the training trial with the same seed, in the condition from which the variation is
-made. It asks about the objects in the scene of that trial. It has the same type, form and family and, in a set about
-decisive moments, the same role.
+The static twin of a question is about the training trial with the same seed, in the condition from which the variation
+is derived. It asks about the objects in the scene of that trial. It has the same type, form and family and, in a set
+about decisive moments, the same role.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
     """Map the identifier of each question about a variation to the identifier of the question's twin.
 
-    The twin is chosen among the questions of the same kind about the training scene. Questions that are the twin of the
-    fewest others so far are preferred, then those with the same camera, then those with the same wording, and then
-    those closer in time. A question about a training scene may be the twin of several questions, just as a training
-    trial may be the twin of several variations. If there is no question of the same kind about the training scene, the
-    question has no twin and is left out.
+    The twin is chosen among the questions of the same kind about the training scene. Among these, the question that is
+    already the twin of the fewest others is chosen. If several are equal in this respect, the same camera, the same
+    tags and a small difference in time are preferred, in this order. A question about a training scene may be the twin
+    of several questions, just as a training trial may be the twin of several variations. If there is no question of the
+    same kind about the training scene, the question has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
     for question in questions:

@@ -7,14 +7,15 @@ from betterbench.interface.state import SeenObject
 MIN_SIDE_PX = 8
 """Minimum length of the shorter side of an object's box [pixel].
 
-Vision encoders divide images of this size into patches of 14 or 16 pixels, and less than half a patch shows no shape.
+Vision encoders divide images of this size into patches of 14 or 16 pixels. The shape of an object that is smaller than
+half a patch cannot be recognized.
 """
 MIN_PIXELS = 60
-"""Minimum number of visible pixels. This is slightly more than a disc with a diameter of 8 pixels has."""
+"""Minimum number of visible pixels. A disk with a diameter of 8 pixels has slightly fewer."""
 MIN_FRACTION = 0.35
 """Minimum fraction of an object that must be visible.
 
-Below about a third, people infer the object from the rest of the scene.
+If less than about a third is visible, people infer the object from the rest of the scene.
 """
 HIDDEN_PX = 3
 """Maximum number of visible pixels of an object that is considered hidden.

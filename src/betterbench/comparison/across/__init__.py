@@ -1,4 +1,4 @@
-"""Comparison of policies across simulated worlds, with the policies' illusion gaps.
+"""Comparison of policies across simulated worlds, including the illusion gaps of the policies.
 
 An illusion gap is the drop in success when the scene changes. Results are success rates in LIBERO, and numbers of
 subtasks completed in sequence (chain lengths) in CALVIN.

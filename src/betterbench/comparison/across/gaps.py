@@ -1,4 +1,4 @@
-"""Illusion gaps across worlds: how much a policy's success drops when the scene is changed.
+"""Illusion gaps across simulated worlds. An illusion gap is the drop of a policy's success when the scene is changed.
 
 A gap is measured on pairs of trials or chains, one in the base suite and one in the changed suite. In LIBERO-PRO, the
 two trials of a pair have the same initial-state index, but the initial states themselves differ.
@@ -22,7 +22,7 @@ from betterbench.tasks.worlds.libero_plus import AXES, axis_of
 
 @dataclass(frozen=True, slots=True)
 class WorldGap:
-    """Illusion gap of one policy in one world: how much its success drops when the scene is changed.
+    """Illusion gap of one policy in one world, i.e. the drop of its success when the scene is changed.
 
     Attributes:
         policy: Name of the policy.

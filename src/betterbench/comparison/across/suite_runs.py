@@ -1,4 +1,4 @@
-"""Outcomes of runs. Each run covers one suite of one simulated world.
+"""Outcomes of runs that each cover one suite of one simulated world.
 
 All planned trials are included. Unfinished trials count as failures.
 """
@@ -24,7 +24,7 @@ OURS = OUR_SUITE
 """Name of the suite for runs in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
-"""Key by which trials are paired with their twins and across policies: the task, and the index of the initial state.
+"""Key for pairing trials, with their twins in the base suite or across policies: task and index of the initial state.
 
 The index is the seed of the trial. In LIBERO-Plus, the task is the name of a variant
 ("libero_object-03/camera_0_0_100_2_4").
@@ -39,7 +39,7 @@ class SuiteRun:
         policy: Name of the policy. Runs with the same name belong to one policy.
         path: Folder of the run.
         suite: Name of the suite.
-        base: Suite that this suite is derived from, or this suite itself.
+        base: Suite from which this suite is derived. For a base suite, this is the suite itself.
         change: Change that was made to the base suite ("swap", "resampled"), or None.
         protocol: Published evaluation protocol that the run follows. Empty for betterbench's own suite.
         versions: Versions of the world's packages. Results with different versions cannot be compared.
@@ -68,7 +68,7 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Return whether the runs belong to different suites, or whether one of them contains CALVIN chains."""
+    """Return whether the runs belong to different suites, or at least one of them contains CALVIN chains."""
     suites = {_suite_of(run) for run in runs}
     return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 

@@ -68,7 +68,7 @@ class WorldContrast:
         first: Name of the first policy.
         second: Name of the second policy.
         suite: Name of the suite, or "average" for all four suites together.
-        pairs: Number of initial states that both policies were run from.
+        pairs: Number of initial states from which both policies were run.
         difference: Success rate of the first policy minus success rate of the second, with its confidence interval.
         p_value: p-value of the exact McNemar test, after Holm's correction over the suites of this pair of policies.
     """
@@ -93,7 +93,7 @@ class WorldTable:
         rows: One row for each policy.
         contrasts: Comparisons of each pair of policies in LIBERO.
         chain_contrasts: Comparisons of each pair of policies in CALVIN, with the names of both policies.
-        notes: Notes on the limits of the results.
+        notes: Notes about the limits of the results.
     """
 
     rows: tuple[WorldRow, ...]
@@ -155,7 +155,7 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Compare two policies in each suite that both were run in, and over all four suites together.
+    """Compare two policies in each suite in which both were run, and over all four suites together.
 
     The p-values of the suites are corrected together for multiple testing.
     """

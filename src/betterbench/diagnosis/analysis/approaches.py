@@ -134,10 +134,10 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the index of the object that the open gripper comes down to, low enough to grasp it, or None.
+    """Return the index of the object to which the open gripper descends, low enough to grasp it, or None.
 
     Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
-    only rarely be within reach of other objects.
+    must rarely be within reach of other objects.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -184,7 +184,7 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return how far the median of the second half of a series of heights is below that of the first half [m]."""
+    """Return the median of the first half of a series of heights minus the median of its second half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
@@ -223,10 +223,10 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row while the open gripper repeatedly comes down on an object and rises again.
+    """Return the interval in which the open gripper repeatedly comes down on an object and rises again, or None.
 
-    Return None if this does not happen often enough. Contacts of a closed gripper do not count, and neither do contacts
-    with an object that is between the fingers.
+    The interval is given by its first and last row. The result is None if this does not happen often enough. Contacts
+    of a closed gripper do not count, and neither do contacts with an object that is between the fingers.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -318,7 +318,7 @@ def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
-    """Return the rows of each interval in which the empty gripper touches an object that it has not grasped."""
+    """Return the intervals (first and last row) in which the empty gripper touches an object without grasping it."""
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
@@ -331,7 +331,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
-    """Return the first row, starting with the given row, where an object is out of the gripper's reach."""
+    """Return the first row, not before the given row, where an object is out of the gripper's reach."""
     while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
         row += 1
     return min(row, trace.rows)
@@ -450,7 +450,7 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object and the gripper moved in the same direction, and both far enough for a push."""
+    """Return whether a touched object and the gripper moved in the same direction and far enough for a push."""
     way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
     if lengths[0] < PUSH_TRAVEL or lengths[1] < PUSH_SHARE * PUSH_TRAVEL:
@@ -465,7 +465,7 @@ def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
-    """Return how far a touched object and the gripper moved horizontally during the touch, as two vectors (2,) [m]."""
+    """Return the horizontal displacements of a touched object and of the gripper during the touch, each (2,) [m]."""
     before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
     way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
     tool: Floats = (trace.tool[end] - trace.tool[before])[:2]

@@ -38,11 +38,11 @@ class AttemptTarget(StrEnum):
     """Relation of the attempted object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
-    """The step of the instruction that is due refers to the object."""
+    """The current step of the instruction refers to the object."""
     LATER = "later"
-    """Only a later step of an ordered instruction refers to the object, and an earlier step is not done yet."""
+    """Only a later step of the instruction refers to the object, and the instruction requires another step first."""
     REPEATED = "repeated"
-    """Only a step that is already done refers to the object, or to an object that this step placed on top of it."""
+    """Only a completed step refers to the object, or to another object that this step has stacked on it."""
     OTHER = "other"
     """Another instruction of the task refers to the object, or the object is a placement target."""
     FOREIGN = "foreign"
@@ -61,7 +61,7 @@ class Means(StrEnum):
     STAY = "stay"
     """The open gripper stays over the object and does not grasp anything afterward."""
     TRY = "try"
-    """The policy commands the gripper to close at the object, but the fingers hardly move."""
+    """The policy commands the gripper to close around the object, but the fingers hardly move."""
 
 
 _MEANS_WORDS = {
@@ -70,7 +70,7 @@ _MEANS_WORDS = {
     Means.TRY: " (its fingers hardly move)",
 }
 _INSTRUCTION_WORDS = ("steps left: ", "the instruction asks for", "the instruction puts")
-"""Phrases that show that the text of an evidence already states the instruction."""
+"""An evidence text that contains one of these phrases already states the instruction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +118,9 @@ class EpisodeAnalysis:
         steps: All grasp attempts, in chronological order.
         harm: Harm to objects that were not requested, in chronological order.
         others: Approaches to an object in which the gripper does not close, in chronological order.
-        on_nothing: Closings of the gripper far from all objects or next to an empty slot, in chronological order.
-        fists: Closings of the empty gripper that were meant to push a drawer shut, in chronological order.
+        on_nothing: Attempts that closed the gripper far from all objects or next to an empty slot, in chronological
+            order.
+        fists: Attempts that closed the empty gripper in order to push a drawer shut, in chronological order.
         state: Function that returns the world state at a row of the trace. If None, placements are judged only by the
             target regions in the record.
         found_once: Results cached by :func:`once_per_episode`.
@@ -142,7 +143,7 @@ class EpisodeAnalysis:
         """All attempts that show which object the policy wants, in chronological order.
 
         These are grasp attempts and pushes. Staying over an object at the end of the episode is an attempt as well.
-        Attempts at drawers that were opened or shut to reach a wrong first choice are left out.
+        Attempts to open or shut a drawer on the way to a wrong first choice are left out.
         """
         apart = (*self.opened_first, *self.shut_first)
         return tuple(s for s in self._in_order if s not in apart)
@@ -151,7 +152,7 @@ class EpisodeAnalysis:
     def opened_first(self) -> tuple[Step, ...]:
         """Attempts that open a drawer to reach a wrong first choice, and that are therefore part of this choice.
 
-        Opening a wrong drawer before a correct first choice is not included, since it is a separate mistake.
+        If the first choice is correct, opening a wrong drawer before it is a separate mistake and is not included.
         """
         first = self.first_choice
         if first is None or first.target is AttemptTarget.ASKED:
@@ -180,7 +181,7 @@ class EpisodeAnalysis:
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
-        """Return whether an attempt at a drawer does something other than pushing the drawer in."""
+        """Return whether an attempt at a drawer does not push the drawer in."""
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
@@ -274,11 +275,14 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the indices of the open subgoals at a row of the trace, except for objects that fell off the table."""
+        """Return the indices of the subgoals that are open at a row of the trace.
+
+        Subgoals whose object fell off the table are left out.
+        """
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that put objects into the drawer that the given subgoal closes."""
+        """Return the subgoals that put objects into a drawer before the given subgoal closes this drawer."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -345,7 +349,7 @@ class EpisodeAnalysis:
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
         """Return where and when an object was placed contrary to the instruction.
 
-        If an object was deliberately released at a region, it counts as placed there in any posture.
+        An object that was deliberately released at a region counts as placed there, even if it fell over.
 
         Returns:
             The rows where the object was released and where it came to rest, and the region. None if the object was not
@@ -361,7 +365,7 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the wrong region where an object was set down, in any posture, or None.
+        """Return the wrong region where an object was set down, or None. The object may have fallen over.
 
         An object counts as set down if the gripper released it there. It also counts if it stood there before it
         slipped out of the closed gripper or was dragged away. If the object is in a requested region, the result is
@@ -505,7 +509,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Describe the steps that are due at a row of the trace, by the words and the kinds of objects in them."""
+        """Describe the steps that are due at a row of the trace, with the words and the kinds of their objects."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "none"
@@ -562,7 +566,7 @@ class EpisodeAnalysis:
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
 
     def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
-        """Return the visual properties ("color", "shape") that an object shares with at least one of several others."""
+        """Return the visual properties ("color", "shape") that an object shares with one or more others."""
         found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
         shared = []
         if found.color and any(found.color == other.color for other in others):
@@ -595,7 +599,7 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt was correct, or whether the policy correctly made none.
+        """Return whether the first attempt was correct. If no attempt is correct, return whether the policy made none.
 
         An attempt at a wrong drawer makes the intention wrong, even if a correct object is grasped afterward.
 
@@ -712,7 +716,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
     The gripper may have missed an object if that object is about as near as the point where demonstrations close the
     gripper in this slot, or at least as near in the view from above. The view from above is considered because a
-    gripper that closes above the rim of a plate has missed the plate, whatever its height. If the slot contains an
+    gripper that closes above the rim of a plate has missed the plate, at any height. If the slot contains an
     object, or if training never picks from this slot, only the distance to the center of the slot is considered.
     """
     slot = step.grasp.slot
@@ -740,8 +744,8 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
     """Return the weak grips on requested objects.
 
     A weak grip shows which object the policy wants, but is not a grasp attempt. In a weak grip, the fingers hardly move
-    although the policy commands them to close for a long time. It is also a weak grip if the fingers repeatedly close
-    partly around the object and open again. Objects with a grasp attempt are left out.
+    although the policy commands them to close for a long time, or they repeatedly close partly around the object and
+    open again. Objects that the policy tried to grasp are left out.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -790,7 +794,7 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the subgoals that are open at a row of the trace, and which of them may be done next."""
+    """Return the subgoals that are open at a row of the trace, and those of them that may be done next."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
@@ -885,9 +889,9 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before the given row, when all steps that are due now were done.
+    """Return the last row, shortly before the given row, where all steps that are due now were still done.
 
-    There is such a row if a finished step was undone. Otherwise, return None.
+    Such a row exists only if a finished step was undone. Return None if there is no such row.
     """
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
@@ -947,9 +951,9 @@ def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
-    """Return a requested object and another object if one finger came down on each of them, otherwise None.
+    """Return a requested object and another object if one finger came down on each of the two, otherwise None.
 
-    If an object was lifted, or was between the two fingers, it was the only target, and the result is None.
+    An object that was lifted, or was between the two fingers, was the only target. The result is then None.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):

@@ -31,7 +31,7 @@ from betterbench.tasks.relations import relation
 
 @once_per_episode
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
-    """Return the first and last row of the first halt that lasts until the end, or None if the arm does not halt.
+    """Return the first and last row of the halt at the end of the episode, or None if the arm does not halt.
 
     In a halt, the arm rests for at least ``halt_time`` while subgoals are unfinished and no attempt is in progress.
     Closing the gripper far from all objects counts as an attempt. A subgoal does not count as unfinished if its object
@@ -55,7 +55,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that releases an object has not halted yet
         still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
-    for closing in episode.on_nothing:  # an arm that closes its gripper anywhere has not halted yet
+    for closing in episode.on_nothing:  # an arm that closes its gripper has not halted yet, even if there is no object
         still[closing.start : closing.end + 1] = False
     last = max(
         (*(_busy_until(trace, s) for s in episode.steps), *(closing.end for closing in episode.on_nothing)), default=-1
@@ -119,16 +119,15 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return how long a pause of this policy can be without being a halt, in rows of the trace.
+    """Return the maximum length of a pause of this policy that is not a halt, in rows of the trace.
 
-    This is the length of its longest pause so far. If the policy has made several long pauses, even longer pauses are
-    plausible.
+    This is the length of its longest pause so far, or more than that if the policy has made several long pauses.
     """
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the row where the arm begins to stay in place until the end, or None if this is not long enough.
+    """Return the row from which the arm stays in place until the end, or None if it stays for too short a time.
 
     The arm may still be slowing down at this row.
     """
@@ -140,7 +139,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return the row from which the arm stays in place until the end, if that is long enough to count as trembling.
+    """Return the row from which the arm stays in place until the end, if it stays long enough to count as trembling.
 
     If there is no such row, return the number of rows of the trace.
     """
@@ -151,7 +150,7 @@ def _in_place_from(trace: Trace) -> int:
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
-    """Return the last row where an attempt shows that the arm has not halted.
+    """Return the last row in which an attempt is still in progress, so that the arm has not halted.
 
     This is the row where the grasp ends. If the gripper then carried the object away, it is the row of the release.
     """

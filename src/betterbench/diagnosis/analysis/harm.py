@@ -1,4 +1,4 @@
-"""Harm: changes to objects that the instruction does not ask for, and when they happen.
+"""Harm, i.e. changes to objects that the instruction does not ask for, and the times of these changes.
 
 A trial with harm is not a success.
 """
@@ -71,7 +71,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> int | None:
-    """Return the row where an object becomes turned, moved or open and stays so until the end, or None."""
+    """Return the row from which an object is turned, moved or open until the end, or None."""
     if harm.sort != "turned":
         limits = {"target_moved": TARGET_MOVED, "anchor_moved": ANCHOR_MOVED, "left_open": LEFT_OPEN}
         return _since(_moved(trace, i) > limits[harm.sort])

@@ -18,12 +18,12 @@ from betterbench.tasks.judging.motion import Bools, Floats
 
 
 def steps_in(seconds: float, rate_hz: float) -> int:
-    """Return the number of control steps in a duration, but at least one."""
+    """Return the number of control steps in a duration. The result is at least 1."""
     return max(1, round(seconds * rate_hz))
 
 
 def path_length(tool: Floats) -> Floats:
-    """Return the length of the path from its start to each row (T,) [m], given the positions (T, 3) [m]."""
+    """Return the length of the path up to each row (T,) [m], given the gripper's positions (T, 3) [m]."""
     lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     way: Floats = np.concatenate(([0.0], np.cumsum(lengths)))
     return way
@@ -58,7 +58,7 @@ def stays_in_place(tool: Floats, time: Floats, begin: int, *, within: float = HA
 
 
 def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
-    """Return the row where the gripper begins to move back and forth until the end, or None.
+    """Return the row from which the gripper moves back and forth until the end, or None.
 
     The positions have shape (T, 3) [m]. The approach to the region of this motion is not included.
     """
@@ -86,7 +86,7 @@ def _window(rows: int, rate_hz: float) -> int:
 
 
 def _covered(ways: npt.NDArray[np.float64], window: int, rate_hz: float, rows: int) -> Bools:
-    """Return whether each row lies in at least one of the time windows in which the motion is slow."""
+    """Return whether each row is in at least one time window with slow motion."""
     slow = ways * rate_hz / window < THRESHOLDS.halt_speed
     still = np.zeros(rows, dtype=np.bool_)
     for shift in range(window + 1):

@@ -19,14 +19,14 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows of the trace in which an object was in a relation to a target, whether or not the instruction requests this.
+    """Rows of the trace in which an object had a relation to a target. The instruction need not request this relation.
 
     Attributes:
         object: Index of the object.
         relation: Name of the relation.
         target: Index of the target.
         region: Region of the target, or "" if the target has only one region.
-        rows: (T,) whether the object was there.
+        rows: (T,) whether the object had this relation to the target.
     """
 
     object: int
@@ -44,7 +44,7 @@ class Trace(Motion):
         time: (T,) time since reset [s].
         touched: (T, n) whether the gripper touches the object.
         by_arm: (T, n) whether a part of the arm other than the gripper touches the object.
-        whereabouts: Rows where each object is in each target region. Closed drawers are left out.
+        whereabouts: Rows in which each object is in each target region. Closed drawers are left out.
         serves: (T, g, n) whether the object satisfies the relation that the subgoal requires.
         done: (T, g) whether the subgoal is done, i.e. its relation holds, and the object is released and at rest.
         meant: For each subgoal, the indices of the objects that can satisfy it.
@@ -149,9 +149,9 @@ def _column(record: Record, label: str) -> int:
 
 
 def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
-    """Return, for each object and each target region, the rows where the object is in the region.
+    """Return the rows in which an object is in a target region, for each object and each region.
 
-    This is determined from all predicates in the record.
+    They are determined from all predicates in the record.
     """
     objects = record.metadata.scene.objects
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}

@@ -282,6 +282,6 @@ def packaged_calibration(family: str = "faulty") -> Calibration | None:
 
 
 def _share(found: Iterable[bool]) -> Rate:
-    """Return the fraction of values that are True, as a rate with its numerator and denominator."""
+    """Return the fraction of True values as a rate with its numerator and denominator."""
     values = list(found)
     return Rate(sum(values), len(values))

@@ -44,12 +44,11 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials, each as a name and a function that returns whether a trial counts.
+"""Rates over planned trials. Each has a name and a function that returns whether a trial counts toward the rate.
 
 A trial without a record stays in the denominator, but counts neither as a success nor as a correct intention. A success
-with a needless step is one in which the policy also executed a step that belongs to training but was not requested,
-such as a grasp at a slot that is now empty. The collision rate counts collisions with fixtures, which do not rule out
-success.
+has a needless step if the policy also executed a step that was usual in training but was not requested, such as a grasp
+at a slot that is now empty. The collision rate counts collisions with fixtures, which do not rule out success.
 """
 
 OF_CAUSES = frozenset(
@@ -58,7 +57,7 @@ OF_CAUSES = frozenset(
         *("collision_rate", "distractor_grasp_rate", "instruction_effect"),
     }
 )
-"""Metrics that are not known in a world in which only the outcome of each trial is judged."""
+"""Metrics that are unknown if only the outcome of each trial is judged."""
 
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
 """Rate of the trials that a stopped run left unfinished. This rate is reported separately."""
@@ -76,8 +75,8 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
     Returns:
         The rates, the distractor grasp rate and the progress, each for the whole run and for each task, axis and
         condition. They are followed by the instruction effects, the ΔSR of recompositions (change in success rate), and
-        the illusion gaps. Each gap comes with two success rates, one for the twins and one for the variations in the
-        same pairs. Ambiguous trials are not part of any metric.
+        the illusion gaps. Each gap comes with two success rates, one for the training twins (training trials with the
+        same seeds) and one for the variations in the same pairs. Ambiguous trials are not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
@@ -116,7 +115,7 @@ def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
-    """Yield each scope with its trials. Metrics are computed for each scope.
+    """Yield each scope for which metrics are computed, together with its trials.
 
     A scope is the whole run, an axis, a task or a condition (see :class:`~betterbench.diagnosis.Metric`).
     """
@@ -182,7 +181,7 @@ def _success_rate(trials: Trials) -> Rate:
 
 
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
-    """Return the illusion gaps: success rates of the twins minus success rates of the variations.
+    """Return the illusion gaps: success rates of the training twins minus success rates of the variations.
 
     The p-values are corrected by Holm's method, separately for the gap over the whole run, the gaps per axis, the gaps
     per task and the gaps per condition.
@@ -218,9 +217,9 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the success rates of the twins and of the variations over the pairs of an illusion gap.
+    """Yield the success rates of the training twins and of the variations over the pairs of an illusion gap.
 
-    A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses Kish's
+    A twin of several variations is counted once for each of its pairs. The confidence interval therefore uses Kish's
     effective number of independent pairs: the square of the number of pairs, divided by the sum over all twins of the
     square of their number of pairs.
     """
@@ -251,7 +250,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a LIBERO-Plus task share a few twins, so whole tasks are resampled.
+    # The variants of a LIBERO-Plus task share a few training twins, so whole tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

@@ -36,25 +36,22 @@ PACKAGED_MATRIX = "power.json"
 """Name of the packaged matrix file, in the folder ``data``."""
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""Name of the rule that stops at every combination of instruction and scene that is new. It fails every variation."""
+"""Name of the faulty policy that stops at every new combination of instruction and scene. It fails every variation."""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
-"""Pretenders that lack images or the instruction. The last two move without any observation."""
+"""Pretenders that lack the images or the instruction. The last two act without any observation."""
 FLOOR = ("random", "noop")
 """Pretenders that do not need demonstrations."""
 
 
 _OF_TASK = ("task_version:", "conditions:")
-"""Beginnings of the names of versions that concern a single task."""
+"""Prefixes of the version names that refer to a single task."""
 
 Key = tuple[str, str]
 """Key of a variation: the task's name and the variation's name."""
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return advice on how to measure the power matrix of the given tasks.
-
-    It is worded as the last clause of a sentence.
-    """
+    """Return a clause that tells the user how to measure the power matrix of the given tasks."""
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -144,7 +141,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether the instruction is redundant because only one instruction makes sense in the variation's scene."""
+        """Whether the policy does not need the instruction, because only one instruction makes sense in the scene."""
         return self.chance >= 1.0
 
 
@@ -191,7 +188,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of the wrong decisions that cause policies with a faulty rule to fail a variation."""
+        """Return the labels of the wrong decisions that make policies with a faulty rule fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -200,10 +197,10 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the faulty rules that fail a variation because of a wrong decision that it is designed to expose.
+        """Return the faulty rules that fail a variation because of a wrong decision that the variation should expose.
 
         A rule that passes the variation with a needless step is not included, because its success rate does not expose
-        it.
+        the rule.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
@@ -266,7 +263,7 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
-        """Return this matrix with additional tasks from an earlier matrix, in the order of the earlier matrix.
+        """Return a copy of this matrix with more tasks from an earlier matrix, in the order of the earlier matrix.
 
         Only tasks that this matrix lacks are added.
 
@@ -410,7 +407,7 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
 
 
 def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix of the given tasks, or None if it contains no policy that lacks an input (blind probe).
+    """Return the power matrix of the given tasks, or None if it contains no blind probe (policy that lacks an input).
 
     If no tasks are given, the packaged matrix is returned.
 

@@ -84,7 +84,7 @@ class Standing:
         expert: Agreement of the policy with the expert, or None if there is no matrix.
         margins: One margin for each variation that is in both the run and the matrix.
         covered: Number of variation trials that the matrix covers, out of all variation trials.
-        notice: Sentence that names missing data and how to obtain it. Empty if nothing is missing.
+        notice: Sentence that names the missing data and states how to obtain them. Empty if nothing is missing.
     """
 
     scores: dict[str, float]
@@ -97,7 +97,7 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Pretender (policy without the tested ability) that agrees most with the outcomes of the run, or None."""
+        """Pretender (policy without the tested ability) whose outcomes agree most with those of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
@@ -212,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how often the outcomes of a pretender and a run agree, or None if the matrix lacks a variation."""
+    """Return the agreement between the outcomes of a pretender and a run, or None if the matrix lacks a variation."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

@@ -25,10 +25,10 @@ from betterbench.tasks.words import agreeing
 def _exposed(x: Exposure) -> bool:
     """Return whether the scene allows a step that was usual in training but is not requested.
 
-    This can be the first step, target or slot that was usual in training, or the next step of a memorized sequence if
-    its object is missing. A grasp at an emptied slot is included if it replaces a step, or if no object should be
-    grasped. It is not included if the slot now contains a different kind of object and a word of the instruction led to
-    this slot in training, because a first grasp there is another failure mode.
+    This can be the usual first step, target or slot, or the next step of a memorized sequence if its object is missing.
+    A grasp at an emptied slot is included if it replaces a step, or if no object should be grasped. It is not included
+    if the slot now contains a different kind of object and a word of the instruction led to this slot in training,
+    because a first grasp there is another failure mode.
     """
     if x.lacks_later_step:
         return True
@@ -119,7 +119,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if the attempted object is not due, but most demonstrations begin with this kind of object."""
+    """Return evidence if the attempted object is not requested now, but most demonstrations begin with its kind."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None

@@ -19,8 +19,8 @@ from betterbench.tasks.relations import relation
 def _exposed(x: Exposure) -> bool:
     """Return whether the initial scene has fewer objects than training scenes, or whether a step can be repeated.
 
-    There are also fewer objects on the table if steps are already done. Such scenes are not considered, because a
-    policy that only counts objects acts correctly in them.
+    Scenes that have fewer objects on the table because steps are already done are not considered, since a policy that
+    only counts objects acts correctly in them.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -84,10 +84,10 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 
 
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
-    """Return whether the intended content of a drawer that is shut is later put into a different drawer.
+    """Return whether the policy shuts a drawer and later puts its intended content into a different drawer.
 
-    If so, the drawer was shut because the policy chose the wrong target: an open drawer blocks the drawer below it. The
-    wrong target then decides the label.
+    If so, the policy chose the wrong target, and shut the first drawer because an open drawer blocks the drawer below
+    it. The wrong target then decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
@@ -95,7 +95,7 @@ def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, r
 
 
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
-    """Return whether an attempt picks up an object that slipped from the gripper and landed in its goal by accident.
+    """Return whether an attempt picks up an object that slipped from the gripper and landed at its target by accident.
 
     The policy did not place this object, so picking it up again is not a mistake. An object that was dropped into a
     container counts as placed.

@@ -16,9 +16,9 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the task can be done, but training lacks this combination of instruction and scene.
+    """Return whether the task can be done, but this combination of instruction and scene does not occur in training.
 
-    Scenes that look half done do not count, because a halt before the first attempt is then a phase conflict.
+    Scenes that look half done do not count, because a halt before the first attempt is a phase conflict in them.
     """
     met = {pairing(condition) for condition in x.task.training}
     return x.test.expected is Expected.SUCCEED and not x.test.mid_task_look and pairing(x.test) not in met

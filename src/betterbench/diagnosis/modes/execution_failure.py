@@ -46,32 +46,32 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""Descriptions of failed manipulation by evidence rule, which continue "It goes for the correct objects, but"."""
+"""Clauses about failed manipulation, by evidence rule. Each follows "It goes for the correct objects, but"."""
 
 
 _UNTOLD = {
     "missed_between": "between two objects",
     "missed_by_far": "far from all objects",
 }
-"""Descriptions of grasps that closed on nothing and whose target is unknown, by evidence rule."""
+"""Clauses that describe a gripper that closed on nothing and whose target is unknown, by evidence rule."""
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Describe where the gripper first closed, if this does not show what its target was. Otherwise, return ""."""
+    """Describe where the gripper first closed, or return "" if this shows which object was the target."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether the first attempt, or the rule that yielded the evidence, shows that the target was correct.
+    """Return whether the first attempt or the evidence rule shows that the target was correct.
 
-    If the evidence is that an object was knocked over or brushed against, it does not show the target.
+    Evidence that an object was knocked over or brushed against does not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence that describes the failed manipulation, if one or two kinds of failure cover nearly all trials.
+    """Return a sentence about the failed manipulation, if nearly all trials have the same one or two kinds of failure.
 
     The sentence also states that the policy goes for the correct objects, but only if nearly all of these trials show
     what the target was.
@@ -194,7 +194,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return two clauses. They state how the gripper closed between two objects, and why the target is ambiguous."""
+    """Return two clauses: how the gripper closed between two objects, and why the target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -333,9 +333,9 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Return whether a drawer is opened or closed as far as the step requires at some time after the attempt.
+    """Return whether the drawer is opened or closed as far as the step requires at any time after the attempt.
 
-    The result is always False if the step requires nothing but shutting the drawer.
+    The result is always False if the step only requires shutting the drawer.
     """
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
@@ -455,9 +455,9 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if an object that was not requested was moved or otherwise harmed.
 
-    If the gripper knocks an object aside and then closes on it, the object was the target, and the evidence gets the
-    time of this attempt. If the harm was done by opening a drawer to reach a wrong object, the evidence gets the time
-    when this object was chosen.
+    If the gripper knocks an object aside and then closes on it, this object was the target, and the evidence begins at
+    this attempt. If the harm was done by opening a drawer to reach a wrong object, the evidence begins when this object
+    was chosen.
     """
     if not episode.harm:
         return None

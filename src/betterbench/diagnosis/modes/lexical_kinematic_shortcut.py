@@ -70,9 +70,9 @@ def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
 def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
     """Return the words of the instruction that the policy may have followed in an attempt.
 
-    The word of the current subgoal comes first. The earlier subgoals of an ordered instruction are done already, but
-    their words are still in the text, and a policy may follow the first word that it reads. Without an attempt, the
-    first subgoal is the current one.
+    The word of the current subgoal comes first. The earlier subgoals of an ordered instruction are already done, but
+    their words are still in the text, and a policy may follow the first word that it reads. If there is no attempt, the
+    current subgoal is the first one.
     """
     goals = episode.goals
     if not goals:
@@ -95,7 +95,7 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal to whose target this attempt brings the object of another subgoal, or None.
+    """Return the subgoal whose target receives an object of a different subgoal in this attempt, or None.
 
     For example, a policy may mistake the mug for the mouse. If both must be moved and the order of the steps is free,
     picking up the mug does not reveal the mistake. It becomes visible when the policy brings the mug to the target of
@@ -111,5 +111,5 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was due at an attempt, or the word of the first subgoal if none was open."""
+    """Return the word of the subgoal that was current at an attempt, or that of the first subgoal if none was open."""
     return next(iter(words_of(episode, step)), None)

@@ -14,9 +14,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the goal requires an order that training does not contain.
+    """Return whether the goal requires an order of steps that does not occur in training.
 
-    The order does not count if the usual first step of training violates it, because that is behavioral inertia.
+    If the usual first step of training violates this order, the result is False, because such a step is behavioral
+    inertia.
     """
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}

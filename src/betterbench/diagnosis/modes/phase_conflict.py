@@ -82,9 +82,9 @@ def _find(trial: TrialView) -> Evidence | None:
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the empty gripper moves back and forth although no step is left to do.
 
-    This is called phase conflict II in the paper: the scene looks half finished, and the object of a training step is
-    missing. If all training steps are finished instead, moving back and forth does not show by itself that the policy
-    is in a wrong phase.
+    In the paper, this is phase conflict II: the scene looks half finished, and the object of a training step is
+    missing. If all training steps are finished, moving back and forth alone does not show that the policy mistakes the
+    phase of the task.
     """
     condition = episode.condition
     if not condition.mid_task_look or episode.steps or not absent_steps(get_task(condition.task), condition):
@@ -110,7 +110,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the gripper passes over at least two objects, and all of them may correctly be grasped now.
+    """Return whether the gripper passes over at least two objects, and each of them would be correct to grasp now.
 
     The result is also True if the gripper repeatedly visits a single such object, unless the scene looks half finished.
     In a half-finished scene, such visits count as moving back and forth.

@@ -73,7 +73,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find the first evidence of a collapse, with the properties that the attempted object shares with the target."""
+    """Find the first evidence of this mode, with the properties that the attempted object shares with the target."""
     episode = trial.episode
     for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:

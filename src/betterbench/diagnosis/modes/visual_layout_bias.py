@@ -19,8 +19,8 @@ from betterbench.tasks.labels import Label
 def _exposed(x: Exposure) -> bool:
     """Return whether the slot that most words led to in training contains a known object that is wrong now.
 
-    Objects that no instruction names are left out, because an attempt at such an object is another failure mode. Empty
-    slots are left out as well, because a grasp there is harmless. They only count if the policy should grasp nothing.
+    Objects that no instruction names are left out, because an attempt at such an object is another failure mode. An
+    empty slot only counts if the policy should grasp nothing, because a grasp there is harmless in all other cases.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)
@@ -49,7 +49,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find evidence that the first attempt is wrong and was made at a slot.
+    """Return evidence if the first attempt is wrong and is at a slot.
 
     The second pass decides whether the policy prefers this slot regardless of the instruction.
     """

@@ -1,4 +1,4 @@
-"""Wrong object or target: another instruction of the task names it, and no specific rule explains the choice."""
+"""Wrong object: the policy attempts an object or target of another instruction, and no specific rule explains this."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if the policy nearly always uses a wrong target, or goes for the same kind of object first.
+    """Return a sentence if the policy nearly always uses a wrong target, or nearly always goes for one kind of object.
 
     The kind of object is only named if the instructions of these trials ask for several other kinds.
     """
@@ -62,7 +62,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the kind of object to be picked now, if the attempt moves a drawer in which this object does not belong.
+    """Return the kind of object to be picked now, if the attempt moves a drawer that is not this object's target.
 
     The result is None if the attempt does not move a wrong drawer.
     """

@@ -23,7 +23,7 @@ from betterbench.sim.worlds import Photo, world_named
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """State of a trial at a given simulated time [s], which is to be rendered as an image."""
+    """State of a trial at a given simulated time [s], to be rendered as an image."""
 
     task: str
     condition: str

@@ -25,7 +25,7 @@ from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.limited import LimitedView, LimitedViews
 
 OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
-"""Colors of the path where the gripper was commanded to open and to close."""
+"""RGB colors of those parts of the path where the gripper was commanded to open and to close."""
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
@@ -243,7 +243,7 @@ def _sheets(
 
 
 class _Side:
-    """Images of one recorded trial, with the path of the end effector drawn into them."""
+    """Images of one recorded trial, with the path of the end effector drawn on them."""
 
     def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
         self.record: Record = run.read_record(*trial)
@@ -273,7 +273,7 @@ class _Side:
         return Image.fromarray(self._view.draw(self.record.qpos[row], self._look.camera, jitter=self._jitter))
 
     def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
-        """Draw the path of the end effector in the first rows of the record into an image.
+        """Draw the path of the end effector in the first ``rows`` rows of the record on an image.
 
         The path is blue where the gripper was commanded to open, and orange where it was commanded to close.
         """
@@ -299,7 +299,7 @@ class _Side:
 
 
 class _Layout:
-    """Layout of a video frame: images side by side, with the heading, instruction and outcome of each, and the time."""
+    """Layout of a video frame: images side by side, each with its heading, instruction and outcome, and the time."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)

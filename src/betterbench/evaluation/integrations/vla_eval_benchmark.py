@@ -75,10 +75,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         quality: Name of a rendering preset.
         send_wrist_image: Whether to send the wrist image. Model servers usually request it themselves.
         send_state: Whether to send the state of the robot. Model servers usually request it themselves.
-        absolute_action: Whether the model server answers with absolute poses. This requires an adapter that reads
-            ``ee_pose``. Model servers usually declare this themselves.
-        quat_no_antipodal: Must be True, which is also what model servers request. Rotation vectors in the state are
-            then continuous while the tool points down, as in robosuite's data.
+        absolute_action: Whether the model server answers with absolute poses. Absolute poses require an adapter that
+            reads ``ee_pose``. Model servers usually declare this setting themselves.
+        quat_no_antipodal: Must be True. Model servers also request this value. Rotation vectors in the state are then
+            continuous while the tool points down, as in robosuite's data.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -224,8 +224,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Return the result of the episode, in the form that the harness expects.
 
-        If the harness itself ended the episode early (``max_steps``), it counts the episode as a failure. In
-        betterbench's report, the trial counts as not run, because the policy might have succeeded later.
+        If the harness itself ended the episode early (``max_steps``), the harness counts the episode as a failure.
+        betterbench's report counts the trial as not run, because the policy might have succeeded later.
         """
         if self._in_episode and self._run is not None:
             self._in_episode = False

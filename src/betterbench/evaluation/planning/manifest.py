@@ -1,8 +1,8 @@
 """Manifest of a run, stored in ``run.json``: command, machine, software versions, conventions and policy.
 
-When a run is resumed, the current description of the policy is compared with the description in the manifest. If the
-same address now served another checkpoint, the run would otherwise mix two policies. Other entries are not compared,
-because a run may be resumed on another machine.
+When a run is resumed, the current description of the policy is compared with the description in the manifest. This
+prevents a run from mixing two policies if the same address now serves another checkpoint. Other entries are not
+compared, because a run may be resumed on another machine.
 """
 
 from __future__ import annotations

@@ -24,10 +24,10 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Largest allowed number of trials per variation. The full suite then has 1.2 million trials, which take weeks."""
+"""Maximum number of trials per variation. With this number, the full suite has 1.2 million trials, which take weeks."""
 
 MAX_SEED = 2**31 - 1
-"""Largest allowed first seed. Clients and servers of other protocols store seeds in 32 bits."""
+"""Maximum first seed. Clients and servers of other protocols store seeds in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ class Plan:
 
     @property
     def scene_options(self) -> SceneOptions:
-        """Settings of the scenes (quality, robot, looks). Benchmarks other than betterbench may not have them."""
+        """Settings of the scenes (quality, robot, looks). Other benchmarks may ignore them."""
         return SceneOptions(self.quality, self.robot, self.looks)
 
 

@@ -11,8 +11,9 @@ from betterbench.statistics import StoppingRule, smallest_paired_difference
 USUAL_OPPOSITE = 0.1
 """Assumed fraction of pairs that differ in the direction opposite to the drop.
 
-:func:`what_trials_show` gives two numbers. The first number assumes that this fraction is 0. In practice, however, each
-of two policies usually succeeds in some trials in which the other fails. The second number assumes this fraction.
+:func:`what_trials_show` gives two numbers. For the first number, this fraction is assumed to be 0. In practice,
+however, each of two policies usually succeeds in some trials in which the other fails. The second number therefore
+assumes this fraction.
 """
 
 

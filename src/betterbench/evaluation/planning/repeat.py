@@ -40,7 +40,7 @@ class _Preset:
 class _Plan:
     """Fields that are read from the plan in ``run.json``.
 
-    The other fields of the stored plan are only compared with the new plan.
+    All other fields of the stored plan are only compared with the new plan.
     """
 
     policy: str

@@ -1,4 +1,4 @@
-"""Order in which the trials of a plan are run: all in one round, or in rounds until every variation has a verdict."""
+"""Order in which the trials of a plan are run. There is one round, or several until every variation has a verdict."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ _VARIABLE = "_env"  # suffix of all options whose value is the name of an enviro
 
 
 def risks_of(address: str) -> tuple[str, ...]:
-    """Return the risks of evaluating a policy, to which the user must agree: it runs code, or sends a secret."""
+    """Return the risks of evaluating a policy (it runs code, or sends a secret), to which the user must agree."""
     found = []
     kind = find_kind(address)
     head, _, query = address.partition("?")

@@ -159,9 +159,9 @@ def run_preflight(
     """Check a policy by sending it the first requests of a trial, with the settings of a planned run.
 
     The default action space is the robot's standard action space if the policy supports it, or else the policy's own
-    action space. If ``proof`` is True, a policy that uses observations also gets the observations of a demonstration
-    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the conventions of both sides
-    before they are compared.
+    action space. If ``proof`` is True and the policy uses observations, it also gets the observations of a
+    demonstration (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the conventions of
+    both sides before they are compared.
 
     Raises:
         BetterError: If the policy does not answer, if its conventions differ from those of the run, or if its actions
@@ -261,7 +261,7 @@ def _ask_often(
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
     """Send the same request several times.
 
-    Return the first reply (horizon, dim), the latency of the first reply, and the latencies of later replies [s].
+    Return the first reply (horizon, dim), its latency [s], and the latencies of the later replies [s].
     """
     answers, times = [], []
     for _ in range(1 + REQUESTS):

@@ -37,18 +37,18 @@ object.
 """
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
-"""Smallest extent of a demonstration along an axis for which the ratio of the two paths is computed [m, rad]."""
+"""Minimum extent of a demonstration along an axis for the ratio of the two paths to be computed [m, rad]."""
 
 FOLLOWS = 0.7
-"""Smallest agreement (:attr:`AxisProof.agreement`) on each axis for which a policy follows the demonstration."""
+"""Minimum agreement (:attr:`AxisProof.agreement`) on each axis for a policy to count as following the demonstration."""
 
 PROVEN = 0.02
-"""Largest deviation of the ratio of the paths from 1 for which the conventions of an axis count as proven."""
+"""Maximum deviation of the ratio of the paths from 1 for the conventions of an axis to count as proven."""
 
 WRONG = 1.5
 """Ratio of the two paths above which the conventions of an axis count as wrong.
 
-They also count as wrong if the ratio is below the inverse of this value.
+The conventions also count as wrong if the ratio is below the inverse of this value.
 """
 
 _IDLE_STEPS = 40
@@ -162,7 +162,7 @@ _KNOWN = (
     (0.05, "The policy answers in meters: set units=physical."),
     (0.0125, "The policy answers in meters: set units=physical."),
 )
-"""Ratios of the translations along the two paths that have a known cause, each with a remedy."""
+"""Ratios of the two paths' translations that have a known cause, each with a remedy."""
 
 
 def prove_by_replay(
@@ -249,7 +249,7 @@ class _Moment:
 
 
 class _Demonstration:
-    """Demonstration by the expert. The caller executes it step by step until the arm is at rest."""
+    """Demonstration by the expert, which is executed step by step until the arm is at rest."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -257,7 +257,7 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
-        self._last = np.zeros(scene.action_space.dim)  # absolute actions differ from it at first
+        self._last = np.zeros(scene.action_space.dim)  # at first, absolute actions differ from these zeros
 
     def is_over(self) -> bool:
         """Return whether the expert has come to rest or the trial has ended."""

@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
 
 PLACING_S = 300.0
-"""Longest time to wait until the cluster has free resources for the first worker or for the replicas [s].
+"""Maximum time to wait until the cluster has free resources for the first worker or for the replicas [s].
 
 The time for loading the policy is not included.
 """
@@ -26,7 +26,8 @@ class Cluster:
     Attributes:
         address: Address of the cluster. If None, the environment variable RAY_ADDRESS is used. If this variable is not
             set, a new cluster is started on this machine.
-        replicas: Number of copies of the policy, if the policy has large weights or supports batches.
+        replicas: Number of copies of the policy. Only policies with large weights or with support for batches have
+            replicas.
         replica_gpus: Number of GPUs per replica. If None, it is 1 if the cluster has GPUs, and 0 otherwise.
     """
 

@@ -85,7 +85,7 @@ class _WorkerActor:
     trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
     placed: bool = False  # whether the cluster has allocated resources to the worker
     ready: bool = False  # whether the worker has been prepared
-    alone: bool = False  # whether the worker runs only one trial, which was running in another worker when that died
+    alone: bool = False  # whether the worker runs only one trial, because another worker died while running it
     replica: int | None = None  # index of the policy replica that the worker uses
     broken: list[Trial] = field(default_factory=list)  # trials that ended with an error
     envs: int = 1  # number of simultaneous trials, as last reported by the worker

@@ -22,7 +22,7 @@ from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
 TURN_S = 2.0
-"""Longest time between two reports of a worker [s]. A worker also reports when no trial has ended."""
+"""Maximum time between two reports of a worker [s]. A worker sends a report even if no trial has ended."""
 
 
 @dataclass(frozen=True, slots=True)

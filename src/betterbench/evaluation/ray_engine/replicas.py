@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Largest number of replicas that are replaced in a run. After that, a dead replica stops the run."""
+"""Maximum number of replicas that are replaced in a run. After that, the death of a replica stops the run."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0

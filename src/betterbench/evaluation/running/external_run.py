@@ -30,10 +30,10 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.trial import Trial
 
 LOCK_PATIENCE_S = 60.0
-"""Longest time to wait for another process of the same run [s]. A process locks the journal only to write a line."""
+"""Maximum time to wait for another process of the same run [s]. A process locks the journal only to write a line."""
 
 _RETRY_S = 0.05
-_STARTS = 20  # attempts to open the run, which another process may be creating
+_STARTS = 20  # number of attempts to open the run, because another process may still be creating it
 _NOTHING = np.empty(0)
 
 

@@ -23,7 +23,7 @@ VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
 """Columns of a record that the goal tracker computes."""
 
 MOST_DEVIATIONS = 6.0
-"""Largest plausible noise of an executed action, in standard deviations."""
+"""Maximum plausible noise of an executed action, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
 """Fields of the metadata that depend on installed versions. Differences in these fields are not errors."""

@@ -49,7 +49,7 @@ Engine = Literal["local", "ray"]
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Largest number of passes over the trials. A further pass is made only if records disappear during the run."""
+"""Maximum number of passes over the trials. A second pass is needed only if records disappear during the run."""
 
 _TURN_S = 1.0
 
@@ -100,8 +100,8 @@ def evaluate(
         plan: Plan of the run. An unfinished run with the same plan is resumed.
         out: Run folder.
         workers: Number of worker processes. If 1, the trials run in this process, but a user's policy always runs in a
-            separate process. If None, there is one worker per CPU core of this machine or cluster. If each worker would
-            have to load large weights of the policy, however, None means one worker.
+            separate process. If None, there is one worker per CPU core of this machine or cluster, or a single worker
+            if each worker would have to load large weights of the policy.
         envs: Number of environments per worker. If None, policies that answer immediately get one environment. For
             other policies, a warm-up measures the durations of policy calls and simulation, and chooses the number
             within the limits of the free memory.

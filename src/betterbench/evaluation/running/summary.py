@@ -93,10 +93,7 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Parts into which the duration of a run is divided."""
 
 WAITED = 0.2
-"""Threshold for the fraction of time that workers spend waiting for the policy.
-
-At or above it, the policy or its messages count as the bottleneck.
-"""
+"""If workers wait for at least this fraction of the time, the policy or its messages are the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)

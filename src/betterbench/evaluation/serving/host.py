@@ -25,7 +25,7 @@ from betterbench.policies.factory import PolicyFactory
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Largest number of times that a host is restarted after it has died."""
+"""Maximum number of times that a host is restarted after it has died."""
 
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` in sysexits.h)."""
@@ -36,7 +36,7 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Longest time that a worker waits for a host to restart and load its weights [s]."""
+"""Maximum time that a worker waits for a host to restart and load its weights [s]."""
 
 
 class Host:

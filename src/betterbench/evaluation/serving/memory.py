@@ -7,7 +7,7 @@ import gc
 
 
 def return_memory() -> None:
-    """Release freed memory to the operating system. glibc's allocator would otherwise keep it for this process.
+    """Release freed memory to the operating system. Without this call, glibc's allocator keeps it for this process.
 
     With other allocators, only unused Python objects are collected.
     """

@@ -25,7 +25,7 @@ from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.version import __version__
 
-if TYPE_CHECKING:  # so that the host process does not import the tasks
+if TYPE_CHECKING:  # not imported at run time, so that the host process does not import the tasks
     from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
@@ -243,7 +243,7 @@ def declare(
     """
     return {
         "betterbench": {
-            **more,  # comes first, so that it cannot override conventions
+            **more,  # these facts come first, so that they cannot override conventions
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],

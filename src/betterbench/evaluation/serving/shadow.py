@@ -36,12 +36,12 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 TOLERANCE = 1e-6
-"""Largest allowed difference between the client and the shadow simulation.
+"""Maximum allowed difference between the client and the shadow simulation.
 
 It applies to joint angles [rad], end-effector position [m], quaternion components and gripper width [m].
 """
 KEPT = 64
-"""Largest number of simulations per server.
+"""Maximum number of simulations per server.
 
 Each takes 20 MB. The simulations that have not been used for the longest time are dropped, and are run again if needed.
 """

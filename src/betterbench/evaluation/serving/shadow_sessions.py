@@ -23,12 +23,12 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Largest difference between a client's state and a simulated state that count as equal [m, rad].
+"""Maximum difference between a client's state and a simulated state for the two to count as equal [m, rad].
 
 The rounding of states to float32 by clients causes differences below this value.
 """
 ASTRAY = 1e-3
-"""Difference above which a client must have executed other actions than it received [m, rad]."""
+"""Difference above which a client must have executed actions other than those it received [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
 """States in a request, each with its values as (size,)."""

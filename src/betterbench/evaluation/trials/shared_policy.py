@@ -19,10 +19,10 @@ POLICY_TIMEOUT_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """Time limit for the replies of a policy that the run itself serves, and the action if it is exceeded."""
+    """Time limit for the replies of a policy that the run itself serves, and a function to call if it is exceeded."""
 
     limit_s: float
-    """Longest time from a request to the reply [s]."""
+    """Maximum time from a request to the reply [s]."""
     on_hang: Callable[[], None]
     """Function that is called when the time limit is exceeded.
 

@@ -23,21 +23,21 @@ KNEES = 2.5
 """Number of environments to open, as a multiple of the knee."""
 
 LONGEST_QUEUE_S = 10.0
-"""Longest time until the last pending request is answered, if the server processes one request at a time [s].
+"""Maximum time until the last pending request is answered, if the server processes one request at a time [s].
 
 It is a third of the default deadline of policy servers.
 """
 
-_ANSWERS = 16  # smallest number of answers in a measurement window
+_ANSWERS = 16  # minimum number of answers in a measurement window
 _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
 _PRESENT = 0.75  # fraction of environments that must have had an answer before a window begins
-_ENOUGH = 1.25  # smallest factor by which the number of environments is increased
-_GAIN = 1.2  # smallest ratio of throughputs for which the increased number of environments is kept
+_ENOUGH = 1.25  # minimum factor by which the number of environments is increased
+_GAIN = 1.2  # minimum ratio of throughputs for the increased number of environments to be kept
 _IDLE = 0.15  # if the worker waits for less than this fraction of its time, more environments cannot help
-_UNHINDERED = 1.5  # largest ratio of latency to minimum latency for which the server is assumed to have no queue
-_STEP = 3  # largest factor by which the number is increased at once if the server has a queue
-_LEFT_OVER = 1.5  # largest factor by which the goal is exceeded if all remaining trials can then run at once
+_UNHINDERED = 1.5  # maximum ratio of latency to minimum latency at which the server is assumed to have no queue
+_STEP = 3  # maximum factor by which the number is increased at once if the server has a queue
+_LEFT_OVER = 1.5  # maximum factor by which the goal is exceeded so that all remaining trials can run at once
 _LONGEST_MEMORY = 64  # number of latest latencies from which the median is computed
 
 
@@ -160,7 +160,7 @@ class EnvironmentCount:
         if window.latency_s > _UNHINDERED * self._least_s:
             goal = min(goal, _STEP * window.envs)  # the server may already have a queue
         if goal < left <= _LEFT_OVER * goal:
-            goal = left  # otherwise, a few trials would be left to run at the end
+            goal = left  # without this, a few trials would be left to run at the end
         goal = min(goal, self._most)
         # If the server processes one request at a time, the latency grows with the number of environments.
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))

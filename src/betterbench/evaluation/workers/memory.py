@@ -14,7 +14,7 @@ _SHARE = 0.5
 """Fraction of the free memory that additional environments may take."""
 
 _LEAST_BYTES = 16 << 20
-"""Smallest memory that is assumed for one environment, with its scene, record and connection [bytes]."""
+"""Minimum amount of memory that is assumed for one environment, with its scene, record and connection [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")

@@ -41,7 +41,7 @@ class WorkerProcess(SpawnedProcess):
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
-        self.alone = False  # whether the process runs only one trial, which was running in a process that died
+        self.alone = False  # whether the process runs only one trial, because another process died while running it
         self.lost = False  # whether the process has closed its end of the pipe
         self.ready = False  # whether the process is ready
         self.turn = settings.turn  # index among the running processes
@@ -103,7 +103,7 @@ class WorkerPool:
                     self._watch()
                 for worker in self._wait():
                     ended = list(self._receive(worker))
-                    self._distribute()  # so that the workers continue while the journal is written to disk
+                    self._distribute()  # gives the workers new trials while the journal is written to disk
                     yield from ended
                     if worker.lost or not worker.process.is_alive():
                         yield from self._handle_worker_exit(worker)

@@ -40,21 +40,21 @@ While some environments wait for the policy, others are simulated. A warm-up the
 """
 
 MOST_WAITING = 32
-"""Largest initial number of environments of all workers together.
+"""Maximum initial number of environments of all workers together.
 
 A server that takes 0.3 s per request and processes one request at a time then needs 10 s to answer one request of every
 environment, which is less than the deadline.
 """
 
 MOST_CHOSEN = 96
-"""Largest number of environments of all workers that a warm-up may choose. ``better serve`` accepts 128 connections."""
+"""Maximum number of environments of all workers that a warm-up may choose. ``better serve`` accepts 128 connections."""
 
 MAX_ENVS = 256
 
 _DISTURBED = ("policy_retries", "policy_reconnects")
 
 LEAVE_S = 2.0
-"""Longest time to wait for the policy threads to end [s]."""
+"""Maximum time to wait for the policy threads to end [s]."""
 
 
 def usual_envs(policies: PolicyFactory) -> int:
@@ -89,9 +89,9 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 def even_share(left: int, workers: int, envs: int) -> int:
     """Return the number of trials that a worker gets at once, so that all workers finish at about the same time.
 
-    Trials that begin together end at about the same time. With eight environments, twelve trials per worker are
-    therefore divided into six and six instead of eight and four. ``left`` is the number of trials that have not ended,
-    including the running trials.
+    Trials that begin together end at about the same time. For example, twelve trials for a worker with eight
+    environments are therefore divided into six and six instead of eight and four. ``left`` is the number of trials that
+    have not ended, including the running trials.
     """
     share = math.ceil(left / workers)
     return math.ceil(share / math.ceil(share / envs)) if share else 0

@@ -167,7 +167,7 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of the training twins, i.e. of the training trials that are paired with variation trials.
+    """Return the success rate of the training twins, i.e. the training trials that are paired with variation trials.
 
     The two trials of a pair have the same seed. A training trial that is paired with several variation trials is
     counted once for each of them.

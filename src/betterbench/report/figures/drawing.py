@@ -1,4 +1,4 @@
-"""Charts as SVG, drawn from one description in two versions: wide for screens and paper, and narrow for phones."""
+"""Charts as SVG in two versions: a wide one for screens and paper, and a narrow one for phones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
 
 GRID = 0.25
-"""Distance between the grid lines of a chart, as a fraction."""
+"""Distance between the grid lines of a chart, as a fraction of 1 (100 %)."""
 
 WIDE_PX = 660
 NARROW_PX = 340
@@ -23,7 +23,7 @@ _CHARACTER_PX = 6.3
 """Width of a character in a 12 px sans serif font [px]. It is rounded up, so that fitted texts never overflow."""
 
 _LEAST_NAME_PX, _MOST_NAME_PX, _LEAST_BAR_PX = 80.0, 210.0, 150.0
-"""Minimum and maximum width of the names, and minimum length of the scale, in the wide version [px]."""
+"""Minimum and maximum width of the row names, and minimum length of the scale, in the wide version [px]."""
 
 PATTERNS: dict[str, str] = {
     "right": "",
@@ -37,7 +37,7 @@ PATTERNS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Horizontal scale of a chart, from ``low`` to ``high``, which are fractions and not percentages."""
+    """Horizontal scale of a chart, from ``low`` to ``high``. Both are fractions, not percentages."""
 
     low: float
     high: float
@@ -106,7 +106,7 @@ class StackGroup:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Chart that is shown on the page and written to a separate file.
+    """Chart that is shown on the page and also written to a separate file.
 
     Attributes:
         name: File name without extension.
@@ -266,7 +266,7 @@ class _Pen:
             self.y += 5
 
     def _tick(self, scale: Scale, value: float) -> None:
-        """Write a value below its grid line. At the ends of the drawing, the text is aligned with the border."""
+        """Write a value below its grid line. Text at the border of the drawing is aligned with the border."""
         x, text = self._x(scale, value), _tick(value)
         half = len(text) * _CHARACTER_PX / 2
         side = " begin" if x < half else " end" if x + half > self.width else ""

@@ -1,4 +1,4 @@
-"""Film strips: a few frames of a trial and of its training twin, which the report shows next to the evidence.
+"""Film strips. A film strip shows a few frames of a trial and of its training twin, next to the evidence in the report.
 
 The training twin of a variation trial is the training trial with the same seed.
 """
@@ -16,8 +16,10 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""Time between the beginning of the evidence and the frame before it [s]. If the evidence is short, the frame after it
-follows at the same distance. Reaching over the table takes one to two seconds, a grasp a fifth of a second.
+"""Time from the frame before the evidence to the beginning of the evidence [s].
+
+If the evidence is short, the frame after it is equally far from its end. Reaching over the table takes one to two
+seconds, and a grasp takes a fifth of a second.
 """
 
 ACTS = ("attempt", "evidence", "same step")
@@ -125,7 +127,7 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
     """Return all failed variation trials that have a record.
 
-    For each of them, the report draws the path of the gripper over the initial image.
+    For each of these trials, the report draws the path of the gripper on the initial image.
     """
     varied = [t for t in diagnosis.counted_trials if t.variation is not None and t.record is not None]
     return [t for t in varied if not t.success]
@@ -151,7 +153,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Choose the moments to show of a trial and of its training twin (the training trial with the same seed).
+    """Choose the moments of a trial and of its training twin (the training trial with the same seed) to show.
 
     The moments of the trial are around its evidence. The moments of the training twin are around the corresponding step
     of the task.

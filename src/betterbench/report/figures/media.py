@@ -22,7 +22,7 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and run folders for a report. If any of them are missing, the page leaves out the parts that need them.
+    """Images and run folders for a report. Parts of the page that need missing images or folders are left out.
 
     Attributes:
         films: Film strips by :func:`~betterbench.report.figures.film.film_key`.

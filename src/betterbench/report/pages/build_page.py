@@ -49,7 +49,7 @@ def write_build_page(
 def powerless_of(task: str, power: PowerMatrix | None) -> Sequence[str]:
     """Return the control variations of a task, which do not reveal any fault.
 
-    According to the power matrix, even policies that lack the tested ability solve them.
+    These are the variations that even policies without the tested ability solve, according to the power matrix.
     """
     if power is None:
         return ()

@@ -106,7 +106,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
         axes.set_xlabel("label given by the diagnosis")
         axes.set_ylabel("true label")
         for before, after, at in zip(labels, labels[1:], range(n), strict=False):
-            if before.kind is not after.kind:  # separate the failure kinds by a line
+            if before.kind is not after.kind:  # draw a line between two kinds of failure
                 axes.axhline(at + 0.5, color="#777777", linewidth=0.8)
                 axes.axvline(at + 0.5, color="#777777", linewidth=0.8)
         axes.set_title(f"{calibration.overall.k} of {calibration.overall.n} trials get their true label", loc="left")

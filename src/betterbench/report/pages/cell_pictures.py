@@ -1,4 +1,4 @@
-"""Pictures in the cells of the diagnostic matrices: a frame of a film strip or, if there is none, the initial scene."""
+"""Pictures in the cells of the diagnostic matrices. A picture is a frame of a film strip, or else the initial scene."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class CellPicture:
     """Picture in a cell of a diagnostic matrix.
 
     Attributes:
-        frame: The picture: the main frame of a film strip, or the initial scene.
+        frame: Image that is shown: the main frame of a film strip, or the initial scene.
         text: Alternative text of the picture.
         film: Index of the film strip on the page; None for a scene.
     """

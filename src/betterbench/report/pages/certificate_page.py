@@ -1,4 +1,4 @@
-"""Page about a certificate: the smallest margins of each task and condition, in one self-contained HTML file."""
+"""Page about a certificate, as one self-contained HTML file with the smallest margins of each task and condition."""
 
 from __future__ import annotations
 

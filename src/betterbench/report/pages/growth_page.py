@@ -20,7 +20,7 @@ from betterbench.report.pages.build_page import powerless_of
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Bar that shows how often a value of a property occurs.
+    """Bar that shows the frequency of one value of a property.
 
     Attributes:
         value: The value.
@@ -41,7 +41,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class RefusalGroup:
-    """Rejected scenarios that failed for the same reason at the first attempt.
+    """Rejected scenarios whose first attempt failed for the same reason.
 
     Attributes:
         title: The reason.

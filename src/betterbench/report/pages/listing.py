@@ -1,4 +1,4 @@
-"""Compact data about trials for the page: each string is stored once, and each trial is an array."""
+"""Compact data about trials for the page. Each string is stored once, and each trial is an array."""
 
 from __future__ import annotations
 

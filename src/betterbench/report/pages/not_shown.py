@@ -31,7 +31,7 @@ _MOVING_BLIND = (*BLIND[1:], FLOOR[0])
 def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
     """Return the reference policies that pass a variation, i.e. solve more than half of its trials.
 
-    Reference policies that move without looking pass if they solve more than a quarter of the trials.
+    Reference policies that replay a motion without looking pass if they solve more than a quarter of the trials.
     """
     perturbed = get_task(key[0]).variation(key[1]).axis is Axis.ADVERSARIAL_OBJECT_PERTURBATION
     found = []

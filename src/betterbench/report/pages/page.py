@@ -233,7 +233,7 @@ def render_page(
 
 
 def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
-    """Return two report sections: the comparison of each policy with pretenders, and the score tables of all policies.
+    """Return the comparison of each policy with pretenders and the score tables, as variables of the page's template.
 
     A pretender is a reference policy that lacks an ability on purpose.
     """
@@ -252,7 +252,7 @@ def _style_and_script() -> dict[str, str]:
 
 
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
-    """Return the diagnostic matrices that have results, short horizon first, and a sentence on each empty matrix.
+    """Return the diagnostic matrices that have results, short horizon first, and a sentence about each empty matrix.
 
     Runs in other simulated worlds have no matrices, since the matrices are defined for betterbench's own tasks.
     """

@@ -31,7 +31,7 @@ from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
 
 RAW, CORRECTED = "°", "*"
-"""Marks of cells that are significantly above chance: only before, or also after the correction over all cells."""
+"""Marks of cells that are significantly above chance only before the correction over all cells, or also after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,12 +144,12 @@ def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
 
 
 def redundant(cells: Iterable[BlindCell]) -> list[str]:
-    """Return the variations with a redundant instruction. No other instruction makes sense in their scene."""
+    """Return the variations in whose scene only one instruction makes sense, so that the instruction is redundant."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 
 def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
-    """Return the tables about a power matrix. The overall results come before those by variation."""
+    """Return the tables about a power matrix: first the overall results, then the results by variation."""
     return _overall(matrix), blind_table(matrix), _rules(matrix), _ceilings(matrix), _limits(matrix)
 
 

@@ -31,7 +31,9 @@ _DPI = 100
 _LETTERS = TextToPath()
 
 CLEAR_PX = 70.0
-"""The arrow of the first action is enlarged until it has at least this length, but at most by the largest factor [px].
+"""Minimum length of the drawn arrow of the first action [px].
+
+A shorter arrow is enlarged by the smallest of :data:`FACTORS` that is sufficient, or else by the largest.
 """
 FACTORS = (1, 2, 5, 10, 20, 50)
 
@@ -134,7 +136,7 @@ class _Page:
         self._items: list[Callable[[Figure, float], None]] = []
 
     def column(self, left: int, right: int) -> None:
-        """Continue in a column between two x coordinates [px]. It begins at the height of the top of the last image."""
+        """Continue in a column between two x coordinates [px]. The column begins at the top of the last image."""
         self.x, self.width = left, right - left
         self.y = self._image_top
 

@@ -23,8 +23,8 @@ class ScoreRow:
     Attributes:
         name: Name of a policy under test or a reference policy.
         cells: Success rate in each column [%]; "–" if there is none.
-        likeness: How often the outcomes of the reference policy agree with those of the policy under test, as text; ""
-            for the policy under test itself.
+        likeness: Text that states how often the outcomes of the reference policy agree with those of the policy under
+            test; "" for the policy under test itself.
         mine: Whether this row is about the policy under test.
     """
 

@@ -1,4 +1,4 @@
-"""Assign conditions to the cells of the diagnostic matrices, by the initial states of the objects."""
+"""Assign conditions to the cells of the diagnostic matrices, according to the initial states of the objects."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def cell_of(setting: ResolvedCondition) -> CellPosition | None:
 
 
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
-    """Return the matrix cell of a condition, by the initial states of its objects.
+    """Return the matrix cell of a condition, according to the initial states of its objects.
 
     Conditions with one object to pick are in the short-horizon matrix, and conditions with two are in the long-horizon
     matrix. All others are in no matrix (None).

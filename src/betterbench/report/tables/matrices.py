@@ -55,7 +55,7 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """Condition ("fruit_lunch/T1") that belongs to a cell, with the results of its trials.
+    """Condition ("fruit_lunch/T1") in a cell of a matrix, with the results of its trials.
 
     Attributes:
         labels: Labels of its trials with their counts, starting with the most frequent.
@@ -73,7 +73,7 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Cell of a matrix: the state of the first target, and the state of the distractor or of the second target.
+    """Cell of a matrix, given by the state of the first target and the state of the distractor or second target.
 
     Attributes:
         sources: Conditions of the run that belong to the cell.
@@ -82,8 +82,8 @@ class Cell:
         needless: Number of successful trials with an unnecessary step, such as an air grasp at an empty slot.
         note: Reason why the cell is empty; "" if it is not empty.
         paper: Outcome that the paper reports, for reference.
-        twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. The cell of the training conditions has no training twins.
+        twins: Success rate of the training twins, i.e. the trials in the unchanged scene with the same seeds, which
+            require the same motions. The cell of the training conditions has no training twins.
     """
 
     row: State
@@ -205,7 +205,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 def _source(
     name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
 ) -> MatrixSource:
-    """Collect the outcomes of a condition's trials and the success rate of the training trials with the same seeds."""
+    """Collect the outcomes of a condition and the success rate of the training trials with the same seeds."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]

@@ -1,4 +1,4 @@
-"""The two tables of the BeTTER paper in their original layout, with one row per run and the paper's rows."""
+"""The two tables of the BeTTER paper in their original layout, with the rows of the paper and one row per run."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class DataSource:
         repository: Data set on the Hugging Face hub, as OWNER/NAME. Empty if nothing must be downloaded.
         files: Files to download.
         license: License of the questions.
-        terms: Terms of the images and videos, and what cannot be downloaded.
+        terms: Terms of the images and videos, and a list of the files that cannot be downloaded.
         layout: Paths of the files that a data folder must contain. There is one string for each published format.
     """
 
@@ -82,7 +82,7 @@ class Benchmark:
         groups: Kinds of groups, in the order in which tables show them.
         coordinates: Default coordinate convention of betterbench's own prompt. None if no answers are points or boxes.
         published: Number of items in the published data, or None if the number is not fixed.
-        published_groups: A kind of group, with the published number of items in each group of this kind.
+        published_groups: Kind of group, with the published number of items in each group of this kind.
         columns: Kind of group that the paper's Table 3 shows as columns. Empty if the table shows a single number.
     """
 

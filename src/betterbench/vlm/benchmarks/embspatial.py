@@ -1,4 +1,4 @@
-"""EmbSpatial-Bench (ACL 2024): spatial relations between objects from the view of the camera, with four options."""
+"""EmbSpatial-Bench (ACL 2024): spatial relations between objects as seen by the camera, with four options."""
 
 from __future__ import annotations
 

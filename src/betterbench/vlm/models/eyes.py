@@ -1,8 +1,8 @@
 """Image resolutions for the ablation with a "myopic" model in Table 3 of arXiv:2604.18000 ("the paper").
 
 The paper's "single 224 x 224 picture" can be understood in three ways, which lose different information. In each of
-them, the image is resized to a square without padding. Positions that are given as fractions of width and height
-therefore stay the same:
+them, the image is resized to a square without padding. Positions given as fractions of width and height therefore stay
+the same:
 
 ======================  ========================================  ==================================================
 eyes                    image                                     loss compared with ``native``

@@ -1,6 +1,6 @@
-"""Kinds of models for ``better vlm``, which are recognized by the beginning of their address.
+"""Kinds of models for ``better vlm``. The beginning of a model's address determines its kind.
 
-A kind is one module with one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
+Each kind is a module that defines one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
 :mod:`~betterbench.vlm.models.hugging_face` (``hf:FOLDER``) and, in the package for learned policies,
 ``betterbench.learning.training.model_kind`` (``learned:CHECKPOINT``). The command line lists all kinds.
 """
@@ -33,8 +33,8 @@ class ModelOptions:
         key_variable: Environment variable that contains the key of an endpoint.
         coordinates: Coordinate convention that the user has declared, or None.
         data: Folder with the data of the benchmark. None if the command generates the data itself.
-        records: Run that the frames in the questions come from. Only used by a model that receives recorded states
-            instead of images.
+        records: Run from which the frames in the questions come. It is only used by a model that receives recorded
+            states instead of images.
     """
 
     address: str
@@ -66,8 +66,8 @@ class ModelKind:
 
     Attributes:
         scheme: Part of the address before the first colon. Empty for the kind that accepts all other addresses.
-        make: Function that creates the model at an address. If it is given a cache, the reply to a repeated request is
-            taken from the cache. It raises a BetterError if there is no such model.
+        make: Function that creates the model at an address. If the function is given a cache, the reply to a repeated
+            request is taken from the cache. The function raises a BetterError if there is no such model.
         require: Function that is called before ``make``. It raises InvalidInputError for options that this kind does
             not support.
         sees: Whether the model receives images. If it does, its coordinate convention can be probed.

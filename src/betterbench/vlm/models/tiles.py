@@ -21,7 +21,7 @@ TILES_ALLOWED = 64
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Grid of tiles that an image is divided into. If it has more than one tile, a thumbnail is added."""
+    """Grid of tiles into which an image is divided. If the grid has more than one tile, a thumbnail is added."""
 
     columns: int
     rows: int

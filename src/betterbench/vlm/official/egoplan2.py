@@ -1,8 +1,8 @@
 """Scorers of EgoPlan-Bench2 that reproduce the authors' ``eval.py`` and lmms-eval.
 
-Both programs delete stock phrases from the reply, and then take the first capital A, B, C or D that is left. For
-example, "Based on the video, the answer is C" gives B. Because of missing commas in the programs' lists of phrases,
-four phrases are joined into two that never occur in a reply.
+Both programs delete stock phrases from the reply, and then take the first remaining capital A, B, C or D. For example,
+"Based on the video, the answer is C" gives B. Missing commas in the programs' lists of phrases join four phrases into
+two that never occur in a reply.
 """
 
 from __future__ import annotations

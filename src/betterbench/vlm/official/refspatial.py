@@ -1,7 +1,7 @@
 """Scorers of RefSpatial-Bench that reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
 
 In RoboRefer's evaluation, each coordinate convention has its own pattern for points. The score of an item is the mean
-of the mask over the points in the reply. If the program fails to read a reply, it omits the item from the denominator.
+mask value at the points in the reply. If the program fails to read a reply, it omits the item from the denominator.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Point = tuple[int | float, int | float]
 class Rectangle:
     """Box in a reply. The program scores all pixels inside the box.
 
-    The box is given by its first column and row, and by the column and row after its last ones.
+    The box is given by its first column and row, and by the column and row after its last column and row.
     """
 
     left: int

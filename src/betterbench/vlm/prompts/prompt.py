@@ -30,7 +30,7 @@ class Prompt:
         benchmarks: Benchmarks for which the prompt is meant. The first prompt that lists a benchmark is its default.
         template: String with the fields ``{question}``, ``{options}``, ``{request}`` (the required format of the
             answer), ``{frames}`` and the fields of :attr:`Item.words`.
-        source: Where the wording comes from.
+        source: Source of the wording.
         option: Template for one option, with ``{letter}`` and ``{text}``.
         frame: Template for the line about one image, with ``{number}`` and ``<image>``.
         coordinates: Coordinate convention that the wording states. None if the wording does not state a convention, or
@@ -48,7 +48,7 @@ class Prompt:
     def text(self, item: Item, convention: Convention) -> str:
         """Return the prompt for an item.
 
-        The strings of the item are inserted verbatim, except that image markers in these strings are replaced.
+        The strings of the item are inserted verbatim, apart from image markers in these strings, which are replaced.
         """
         letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
         options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]

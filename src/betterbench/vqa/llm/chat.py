@@ -1,6 +1,6 @@
 """Client for ``POST URL/chat/completions``, an interface that vLLM, SGLang, llama.cpp, Ollama and OpenAI offer.
 
-The client needs only the standard library. Many threads can send requests at the same time, each on its own connection.
+The client only uses the standard library. Many threads can send requests at the same time, each on its own connection.
 """
 
 from __future__ import annotations
@@ -90,11 +90,11 @@ class ChatEndpoint:
             url: Base address, such as ``http://localhost:8000/v1``. ``/chat/completions`` is added to it.
             model: Name of the model at that address.
             key_variable: Name of the environment variable that may contain the API key.
-            timeout_s: Maximum time to wait for the beginning of an answer, and between its parts [s].
+            timeout_s: Maximum time to wait for the first part of an answer, and for each further part [s].
             deadline_s: Maximum time to wait for a whole answer [s]. It matters for servers that send an answer in many
                 small parts.
             tries: Maximum number of times that a request is sent if transient failures occur. If the server limits the
-                request rate (HTTP 429), at least ten tries are made.
+                request rate (HTTP 429), the request is sent at least ten times.
             further: Additional fields for each request, such as vLLM's ``mm_processor_kwargs``.
             cache: Stored replies to earlier requests. A request with a stored reply is not sent.
             sleep: Function that waits between tries [s]. Tests replace it.
@@ -201,7 +201,7 @@ class ChatEndpoint:
             reply += part
             if time.monotonic() > ends_at:
                 raise TimeoutError(f"the answer was not complete after {self._deadline_s:g} s")
-        if answer.length and len(reply) <= MAX_REPLY_BYTES:  # the connection was closed early
+        if answer.length and len(reply) <= MAX_REPLY_BYTES:  # the server closed the connection too early
             raise http.client.IncompleteRead(bytes(reply), answer.length)
         return bytes(reply)
 
@@ -237,9 +237,9 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Model that calls a function to answer messages.
+    """Chat model whose replies are computed by a function.
 
-    It is used for tests and for models in the caller's own process.
+    It is meant for tests and for models in the caller's own process.
     """
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
@@ -259,7 +259,7 @@ _MEDIA_TYPES = (
     (re.compile(rb"GIF8[79]a"), "image/gif"),
     (re.compile(rb"RIFF....WEBP", re.DOTALL), "image/webp"),
 )
-"""File signatures of the image formats that endpoints document, each with its media type."""
+"""File signatures of the image formats that endpoints accept according to their documentation, with media types."""
 
 
 def user_message(text: str, *images: bytes) -> Message:
@@ -292,7 +292,7 @@ def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
-    """Return the text of an answer. Some servers send it in parts.
+    """Return the text of an answer. Some servers send this text in parts.
 
     Raises:
         TypeError: If the content is not text.

@@ -1,4 +1,4 @@
-"""Connections from one process to an HTTP server. They are kept open between requests."""
+"""Connections from one process to an HTTP server that are kept open between requests."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Connections:
     def stop(self) -> None:
         """Make all pending requests fail soon, including those that wait for a retry.
 
-        The next :meth:`kept` allows requests again.
+        Requests are possible again after the next call of :meth:`kept`.
         """
         self._stopped.set()
         with self._lock:

@@ -63,8 +63,8 @@ class ChatModel:
 def opened(asked: object) -> AbstractContextManager[Stoppable]:
     """Return a context manager to use while requests are sent to a model.
 
-    If the model has a method ``opened``, which opens its connections, return the result of this method. Otherwise, the
-    context manager does nothing.
+    If the model has a method ``opened``, which opens its connections, return the result of this method. If not, return
+    a context manager that does nothing.
     """
     found = getattr(asked, "opened", None)
     resource: AbstractContextManager[Stoppable] = NoResource() if found is None else found()
@@ -86,7 +86,7 @@ def endpoint_at(
         address: The address.
         option: Name of the option in error messages.
         key_variable: Name of the environment variable that may contain the API key.
-        otherwise: Value other than an address that the option accepts, for error messages.
+        otherwise: Value that the option accepts instead of an address, for error messages.
         further: Additional fields for each request.
         cache: Stored replies to earlier requests.
 

@@ -92,8 +92,8 @@ def _wrapped(text: str) -> list[str]:
 def _claimed(letters: dict[str, str], text: str) -> str | None:
     """Return the letter of the option that a text names as its answer.
 
-    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text.
-    If the text has no letter, it is the letter of the only option that the text quotes.
+    A letter that a sentence declares to be the answer takes precedence. If there is none, the result is the only letter
+    in the text. If the text has no letter, the result is the letter of the only option that the text quotes.
     """
     claims = [
         m
@@ -144,6 +144,6 @@ def _is_article(text: str, found: re.Match[str]) -> bool:
 
 
 def _names_another(letters: dict[str, str], text: str, claim: re.Match[str]) -> bool:
-    """Return whether another letter follows the letter that is declared to be the answer ("The answer is A or B")."""
+    """Return whether a second letter follows the one that is declared to be the answer ("The answer is A or B")."""
     following = _NEXT_LETTER.match(text, claim.end(1))
     return following is not None and following[1] in letters and following[1] != claim[1]

@@ -2,9 +2,9 @@
 
 The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
 answer, so that it cannot answer the question itself. Each part that it copies must occur in the text word for word, and
-each number must be a complete number of the text. Otherwise, the stage is "none". The copied parts are then read by the
-same parser as every other answer, in the declared coordinate convention. The extractor neither scales nor swaps
-numbers.
+each number must be a complete number of the text. If a part violates this, the stage is "none". The copied parts are
+then read by the same parser as every other answer, in the declared coordinate convention. The extractor neither scales
+nor swaps numbers.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ def extraction_prompt(spec: AnswerSpec, text: str) -> str:
 
 
 def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
-    """Read the answer that an extractor copied. The stage is "none" if it copied nothing or made up a part.
+    """Read the answer that an extractor copied from a text.
+
+    The stage is "none" if the extractor copied nothing, or if a copied part does not occur in the text.
 
     Args:
         spec: Form of the answer.

@@ -97,9 +97,9 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
 
 
 def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
-    """Return the groups of numbers in a text that contains other words as well.
+    """Return the groups of numbers in a text that also contains other words.
 
-    Groups that follow the last declaration of an answer come first.
+    Groups after the last words that announce an answer come first.
     """
     parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
     for part in (*reversed(parts), text):

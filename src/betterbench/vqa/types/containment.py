@@ -18,7 +18,7 @@ IN_GRIPPER, ON_TABLE = "in the gripper", "on the table"
 
 
 def containment(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about whether an object is in a target, where an object is, and what a target contains."""
+    """Yield questions about the objects in a target, and about the location of an object."""
     for kind, target in moment.named.items():
         for relation in moment.relations_of(target):
             if relation.name in IN_WORDS:

@@ -18,7 +18,7 @@ GROUPS = {
     "pieces of cutlery": ("fork", "spoon"),
     "drawers": ("upper_drawer", "lower_drawer"),
 }
-"""Words for several kinds of objects, each with the categories of these objects."""
+"""Words that cover several kinds of objects, each with the categories of these objects."""
 SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler", "drink_cup")}
 """Categories that could be confused with the categories of a word.
 

@@ -1,4 +1,4 @@
-"""Questions about the execution: what the robot is doing, which steps are finished, and which step is next."""
+"""Questions about the execution: the activity of the robot, the finished steps, and the next step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ON_WORDS = {**IN_WORDS, "layer": "on", "on_plate": "on"}
 
 
 def execution(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about what the robot is doing and about its progress in the instruction."""
+    """Yield questions about the activity of the robot and about its progress in the instruction."""
     yield from _doing(moment)
     goals = moment.condition.instruction.subgoals
     words = {"instruction": moment.condition.instruction.text}
@@ -74,7 +74,7 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 def _looks_done(moment: Moment, g: int) -> bool:
     """Return whether a step looks done.
 
-    If the step is to close a drawer, the objects that go into the drawer must also be inside.
+    For the closing of a drawer, the objects that belong in the drawer must also be inside.
     """
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:

@@ -11,9 +11,12 @@ from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Form, QuestionDraft
 
 CELLS = 8
-"""Number of image cells per side over which boxes and points are spread. A cell is about as large as an object."""
+"""Number of image cells per side over which boxes and points are balanced. A cell is about as large as an object."""
 COARSE_CELLS = 4
-"""Number of image cells per side within which answers are balanced, so that coordinates do not reveal them."""
+"""Number of image cells per side for questions about a given box.
+
+Answers are balanced within each cell, so that the coordinates of the box do not reveal them.
+"""
 MOST_OPTIONS = 4
 """Maximum number of objects to choose from in one question."""
 

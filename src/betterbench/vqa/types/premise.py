@@ -1,4 +1,4 @@
-"""Questions about premises: which objects are present, which object is in a slot, and whether a task can be done."""
+"""Questions about premises: the objects that are present, the object in a slot, and whether a task can be done."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.vqa.types.relation import yes
 
 
 def premise(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about which kinds are present, what kind each object is, and whether the task can be done."""
+    """Yield questions about the kinds that are present, the kind of each object, and whether the task can be done."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]

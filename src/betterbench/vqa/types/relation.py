@@ -1,4 +1,4 @@
-"""Questions about spatial relations: left and right (in the image and for the robot), nearer, farther and outermost."""
+"""Questions about spatial relations: left or right (in the image or for the robot), nearer, and outermost."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CAMERA_MARGIN_M = 0.06
 This is about the smallest difference that people can judge.
 """
 ROBOT_MARGIN_M = 0.05
-"""Minimum difference between two objects in the robot frame, sideways or in distance from the base [m].
+"""Minimum difference between two objects in the robot frame, in the lateral direction or in distance from the base [m].
 
 Objects are 4 to 8 cm wide.
 """
@@ -92,9 +92,9 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield one question per side of an anchor: whether an object is on this side.
+    """Yield the question of whether an object is on a side of an anchor, for each side.
 
-    The sides are defined by the front of the anchor.
+    The sides are relative to the front of the anchor.
     """
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])

@@ -1,4 +1,4 @@
-"""Questions about stacking: which object lies on which, which of two is higher, and the order of a stack."""
+"""Questions about stacking: the object on top of another one, the higher of two objects, and the order of a stack."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return the objects that others can be stacked on: the bases of layered stacks, and all plates."""
+    """Return the objects on which others can be stacked: the bases of layered stacks, and all plates."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 

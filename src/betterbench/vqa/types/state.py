@@ -16,16 +16,16 @@ from betterbench.vqa.types.relation import yes
 WIDELY_OPEN, SHUT = 0.75, 0.15
 """Minimum opening of an open gripper and maximum opening of a closed empty gripper, as fractions of the full opening.
 
-People disagree about openings in between.
+People disagree on whether a gripper with an opening in between is open.
 """
 FALLEN_RAD = 1.0
 """Minimum tilt of an object that has fallen, about 60 degrees [rad].
 
-There are no questions about objects with a smaller tilt, which only lean.
+There are no questions about objects that lean by less than this.
 """
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Minimum ratio of height to width at which a standing object and a lying one look different."""
+"""Minimum ratio of height to width of objects that look different when they stand and when they lie."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
