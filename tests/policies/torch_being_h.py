@@ -329,7 +329,7 @@ def test_bad_answers_end_the_trial_with_a_reason(answer, text):
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
-        (saved({"status": "x" * 5_000_000}), "bytes about itself, where at most 4194304"),
+        (saved({"status": "x" * 5_000_000}), "bytes, but the limit is 4194304 bytes"),
         (saved({"status": [[[[[[[[[[[[[[[[[["x"]]]]]]]]]]]]]]]]]]}), "nested deeper than 16"),
     ],
 )

@@ -318,7 +318,7 @@ def test_threads_do_not_disturb_each_other(diffusion):
 
 
 def test_its_chunks_are_its_own_business(diffusion):
-    with pytest.raises(InvalidInputError, match="Leave out horizon"):
+    with pytest.raises(InvalidInputError, match="Omit horizon"):
         make_policy(f"lerobot:{diffusion}?horizon=4")
 
 
@@ -359,7 +359,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
         (features(cameras=("wrist", "hand")), "the camera wrist would be used for several inputs"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
-            "environment_state' is ENV",
+            "environment_state' has the type ENV",
         ),
     ],
 )
