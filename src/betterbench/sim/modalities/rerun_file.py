@@ -57,7 +57,8 @@ def write_rerun(
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
     lanes = lanes_of(record)
     with DurableFile(path) as durable, _disconnected(stream):
-        # If Rerun wrote the file itself, it would be truncated silently when the disk is full.
+        # Rerun only collects the data in memory. If it wrote the file itself, a full disk would truncate the file
+        # silently.
         kept = stream.memory_recording()
         stream.send_blueprint(_layout(blueprint, views), make_active=False, make_default=True)
         for shown in shown_rows(run, record, views, quality=quality):

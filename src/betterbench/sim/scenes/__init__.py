@@ -1,7 +1,7 @@
 """Scenes: assets, robot and furniture, combined in one compiled MuJoCo model.
 
-- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: build a model from a condition and a
-  seed.
+- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: code that builds a model from a
+  condition and a seed.
 - ``scene``, ``contacts``, ``clearance``: the state of a scene, its reset and step, its contacts, and collision checks
   for planners.
 - ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images of a scene and

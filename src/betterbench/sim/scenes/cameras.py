@@ -78,8 +78,8 @@ class ViewPlacement:
         """Store the poses after applying the jitter. Jitter of cameras that the model does not have is ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
-        # Camera poses in the frames of their bodies. The engine does not update the cameras of static bodies at every
-        # step, so the jitter is never added to values in the data.
+        # Camera poses in the frames of their bodies. The jitter is never added to the camera poses in ``data``, because
+        # the engine does not update cameras on static bodies at every step.
         self._positions = np.zeros((model.ncam, 3, 1))
         self._axes = np.zeros((model.ncam, 3, 3))
         for number in range(model.ncam):

@@ -51,7 +51,7 @@ REQUEST_CPU_S = 60.0
 REQUEST_S = 900.0
 """Maximum wall-clock time for opening a scene or rendering an image [s], including the start of the process.
 
-It is much longer than the CPU time because the machine may be busy.
+It is much longer than the maximum CPU time, because the machine may be busy.
 """
 
 _JITTER = TypeAdapter(ViewJitter)

@@ -42,10 +42,10 @@ FLOOR_HEIGHT_M = -0.75
 """Height of the floor in the world frame [m]. Desks are 0.72 to 0.76 m high (working heights of ISO 9241-5)."""
 
 TABLE_X_M = (-0.20, 0.95)
-"""Extent of the table top along x [m]."""
+"""Smallest and largest x coordinate of the table top [m]."""
 
 TABLE_Y_M = (-0.6, 0.6)
-"""Extent of the table top along y [m]."""
+"""Smallest and largest y coordinate of the table top [m]."""
 
 TABLE_THICKNESS_M = 0.04
 """Thickness of the table top [m]."""
