@@ -1,4 +1,4 @@
-"""Environment variables for a simulator's process, without those variables of the user that would affect the simulator.
+"""Environment variables for a simulator's process. Variables of the user that would affect the simulator are left out.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the index of an EGL device and asserts that it contains
 ``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, these two

@@ -209,7 +209,7 @@ class WorldProcesses:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next
         self._next = None
-        with contextlib.suppress(WorldError):  # the trial that needs the process tries again and reports the error
+        with contextlib.suppress(WorldError):  # the next trial tries again, and reports the error if it occurs again
             self._next = WorldProcess(self._command)
         return process
 

@@ -119,7 +119,7 @@ class Instructed:
 
 
 class Named(Protocol):
-    """Task of a scene, reduced to the properties that an episode needs."""
+    """Interface of a scene's task, with the properties that an episode needs."""
 
     @property
     def id(self) -> str:
@@ -127,7 +127,7 @@ class Named(Protocol):
 
 
 class Told(Protocol):
-    """Instruction of a condition, reduced to the properties that an episode needs."""
+    """Interface of a condition's instruction, with the properties that an episode needs."""
 
     @property
     def text(self) -> str:
@@ -135,7 +135,7 @@ class Told(Protocol):
 
 
 class SceneCondition(Protocol):
-    """Condition of a scene, reduced to the properties that an episode needs."""
+    """Interface of a scene's condition, with the properties that an episode needs."""
 
     @property
     def id(self) -> str:

@@ -38,8 +38,8 @@ class OwnOptions:
 
     Attributes:
         variations: Variations to run, written like "L1" or "fast_food/T1". By default, all variations are run.
-        until_decided: Whether to stop running a variation as soon as its verdict is decided. In this case, only the
-            variations and their twins (the training trials with the same seeds) are run.
+        until_decided: Whether to stop running a variation as soon as its verdict is decided. If so, the only trials are
+            those of the variations and of their training twins (the training trials with the same seeds).
     """
 
     variations: tuple[str, ...] = ()

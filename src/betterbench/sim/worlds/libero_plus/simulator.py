@@ -62,7 +62,7 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """How a problem class of LIBERO-Plus differs from its base class in LIBERO.
+    """Differences between a problem class of LIBERO-Plus and its base class in LIBERO.
 
     Attributes:
         name: Name of the problem class.
@@ -328,7 +328,7 @@ def initial_states_in(path: Path) -> np.ndarray:
     Raises:
         ValueError: If the file contains anything but one float64 array.
     """
-    if not path.is_file():  # opening a named pipe would wait
+    if not path.is_file():  # opening a named pipe would block
         raise ValueError("the file of initial states is not a regular file")
     with zipfile.ZipFile(path) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/data.pkl"))

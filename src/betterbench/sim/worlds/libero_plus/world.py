@@ -44,7 +44,7 @@ _FOLDERS = ("scenes", "textures", "new_objects")
 
 
 TRIALS = 1
-"""Number of initial states per variant in LIBERO-Plus's own protocol, which runs each variant once."""
+"""Number of trials per variant in LIBERO-Plus's own protocol, which runs each variant once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,9 @@ class LiberoPlusWorld(LiberoWorld):
         return plus_command()
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
-        """Plan initial states of variants as trials. Return the trials and the world to be stored with the plan.
+        """Plan trials of variants, each with an initial state.
+
+        Return the trials and the world to be stored with the plan.
 
         According to the protocol of LIBERO-Plus, each variant has one trial.
 
