@@ -144,7 +144,7 @@ class Condition:
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
         form["opened"] = dict(self.opened)
-        if self.cloth is None:  # conditions without a cloth or a watch keep the JSON form of earlier versions
+        if self.cloth is None:  # without these fields, the JSON form is that of earlier versions
             del form["cloth"]
         if not self.watch_steps:
             del form["watch_steps"]

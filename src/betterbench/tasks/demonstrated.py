@@ -121,7 +121,7 @@ class FinalPoses:
 
 
 class LeaningPose(NamedTuple):
-    """Pose of an object that may lean on other objects, in the frame of the target.
+    """Final pose of an object that may lean on other objects, in the frame of the target.
 
     Attributes:
         position_mm: Position relative to the center of the target region [mm].
@@ -223,7 +223,7 @@ class Demonstrated:
     def final_poses_at(
         self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
-        """Return the final poses at a target from demonstrations with the same object, or with the most similar one.
+        """Return the final poses at a target from demonstrations with the most similar object, ideally the same one.
 
         Poses of the same object asset at the same target asset come first. If there are none, poses of the same object
         asset at other target assets are returned. Next come poses of the same kind of object, and then poses of any

@@ -20,7 +20,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Which of the paper's two diagnostic matrices a condition belongs to."""
+    """Diagnostic matrix of the paper to which a condition belongs. There are two."""
 
     SHORT = "short"
     LONG = "long"

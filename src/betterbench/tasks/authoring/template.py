@@ -11,7 +11,9 @@ from betterbench.tasks.thresholds import THRESHOLDS
 Order = Literal["free", "named", "built"]
 """Order in which the subgoals are done.
 
-"free": any order. "named": the order in the instruction. "built": the order is forced by construction.
+- "free": any order.
+- "named": the order in the instruction.
+- "built": only one order is physically possible, because each object is placed on the previous one.
 """
 
 

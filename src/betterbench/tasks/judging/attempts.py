@@ -18,7 +18,7 @@ class GraspAttempt:
     Attributes:
         start: Last row before the gripper begins to close.
         end: Row where the object is touched, or where the fingers come to rest.
-        release: Row where the gripper is commanded to open again, or the number of rows if it never is.
+        release: Row where the gripper is commanded to open again, or the number of rows if it does not open again.
         object: Index of the object that the gripper closes on, or None if it closes without an object.
         aim: Index of the object closest to the gripper, or None. If the gripper closes without an object, this is the
             object that it missed.

@@ -182,7 +182,7 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
         quaternions: (n, 4) rotations of the objects (w, x, y, z).
         point: (3,) the point [m].
     """
-    # In floats, because arrays of a few objects take four times as long.
+    # Plain floats are used, because arrays of a few objects take four times as long.
     px, py, pz = point.tolist()
     distances = []
     for o, (x, y, z), (w, qx, qy, qz) in zip(objects, positions.tolist(), quaternions.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Objects at the targets of a condition, both requested objects and others (intruders)."""
+"""Objects at the targets of a condition: requested objects, and objects that were not requested there."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Asked:
         target: Name of the target.
         region: Region of the target.
         candidates: Names of the objects that the subgoal may refer to.
-        count: How many of these objects must be at the target.
+        count: Number of these objects that must be at the target.
     """
 
     relation: str
@@ -59,7 +59,7 @@ class Due(NamedTuple):
         watch: Index of the watched target.
         region: Region of the target.
         candidates: Indices of the objects that count, among the tracked objects of the target.
-        least: How many of these objects must be in the region.
+        least: Number of these objects that must be in the region.
     """
 
     watch: int

@@ -24,10 +24,10 @@ SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -
 FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers have room to open fully [m].
 
-It is half the opening of the gripper, a finger and a margin.
+It is the sum of half the gripper's opening, the thickness of a finger, and a margin.
 """
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
-"""Heights above the floor of a container at which objects are released [m]. Lower is better."""
+"""Heights above the floor of a container at which objects are released [m]. Lower heights are preferred."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:

@@ -24,7 +24,7 @@ GAP = threshold(
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03
-"""Gripper opening for releasing a rim that is between the fingers [m]."""
+"""Gripper opening at the release of a plate whose rim is between the fingers [m]."""
 
 
 def on_plate(state: WorldState, name: str, plate: str) -> bool:

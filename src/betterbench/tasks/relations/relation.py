@@ -147,7 +147,7 @@ def register(relation: Relation) -> Relation:
 
     Raises:
         ValueError: If there is already a relation with this name.
-        InvalidInputError: If a field is not allowed.
+        InvalidInputError: If a field has an invalid value.
         UnknownNameError: If a tolerance is not the name of a threshold.
     """
     if relation.name in RELATIONS:
@@ -170,7 +170,7 @@ _FUNCTIONS = {
 
 
 def _require_complete(relation: Relation) -> None:
-    """Raise InvalidInputError or UnknownNameError if a field of a relation is not allowed."""
+    """Raise InvalidInputError or UnknownNameError if a field of a relation has an invalid value."""
     title = f"relation {relation.name}"
     for name, (parameters, advice) in _FUNCTIONS.items():
         function = getattr(relation, name)

@@ -59,7 +59,7 @@ class WorldFacts:
         suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
         reading: How the diagnosis evaluates the records.
         measured: Whether the tasks are covered by certificates, the power matrix, calibrations and demonstrations, and
-            a stored plan can be run again.
+            whether a stored plan can be run again.
         statements: Statements that a report makes about the scenes and about the accuracy of the labels, by heading.
     """
 

@@ -38,7 +38,10 @@ TITLES: Mapping[str, str] = {
 """Names of the axes in the paper."""
 
 MOVING_AXES = ("layout", "robot")
-"""Axes on which a policy needs other motions than in the base task. The other axes change only images or language."""
+"""Axes whose variants require motions that differ from those in the base task.
+
+The other axes change only images or language.
+"""
 
 NOISES = ("motion blur", "Gaussian blur", "zoom blur", "fog", "glass blur")
 """Kinds of noise.

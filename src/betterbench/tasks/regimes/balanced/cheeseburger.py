@@ -36,7 +36,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_cheeseburger() -> list[Condition]:
-    """Return four rotated layouts, each with nine stacks.
+    """Return four layouts, each with nine stacks. The layers rotate through the slots from layout to layout.
 
     Every second condition lacks a layer that is not requested.
     """

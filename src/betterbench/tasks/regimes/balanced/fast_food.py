@@ -42,7 +42,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four rotated layouts, each with six orders.
+    """Return four layouts, each with six orders. The food rotates through the slots from layout to layout.
 
     Every second condition lacks an object that is not needed.
 

@@ -36,9 +36,10 @@ LAYOUTS = (
 
 
 def balanced_office_drawer() -> list[Condition]:
-    """Return four layouts. In each, one object is requested for a closed or an open drawer, or both are requested.
+    """Return conditions with four layouts.
 
-    If both are requested, each goes into the drawer that training uses for the other.
+    One object goes into a closed or an open drawer, or both objects go into drawers. If both objects are requested,
+    each goes into the drawer that training uses for the other object.
     """
     found = []
     for layout in LAYOUTS:

@@ -43,7 +43,10 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash, each with four instructions. The valuables exchange their places."""
+    """Return four layouts of the trash, each with four instructions.
+
+    The valuables exchange slots from condition to condition.
+    """
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):
