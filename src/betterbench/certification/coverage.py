@@ -26,7 +26,10 @@ If the expert reaches this fraction, the unsolved trials are certified as well, 
 the expert. They are listed separately. Clauses (b) to (e) must hold in every trial.
 """
 MOST_SEEDS = 1_000_000
-"""Largest seed that is allowed in a range. Expanding a larger range from an untrusted file could exhaust the memory."""
+"""Largest seed that is allowed in a range.
+
+Without a limit, expanding a range from an untrusted file could exhaust the memory.
+"""
 MAX_BYTES = 256 << 20
 """Size of the largest certificate file that is accepted [bytes]."""
 

@@ -89,7 +89,10 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str | None = None,
 ) -> TrialCertificate:
-    """Examine one seed of a condition against all clauses of a certificate. The condition may be unregistered."""
+    """Examine one seed of a condition against all clauses of a certificate.
+
+    The condition does not have to be registered.
+    """
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot

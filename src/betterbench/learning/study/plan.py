@@ -27,7 +27,10 @@ OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
 """Fields of the training recipe that the study sets itself."""
 MOST_LEARNERS = 1000
 MOST_TRIALS = 200_000
-"""Maximum number of trials for all learners with the same seed. They are planned before the first trial is run."""
+"""Maximum number of trials for all learners with the same seed.
+
+All of these trials are planned before the first trial is run.
+"""
 _SUM_SLACK = 1e-6
 
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]

@@ -249,7 +249,7 @@ class _Training:
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
-        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm keeps its statistics
+        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm layer keeps its statistics
             if isinstance(module := getattr(self._network, part, None), nn.Module):
                 module.eval()
         shown, actions, counted = self._batches.sample(
@@ -314,7 +314,7 @@ class _Training:
     def _follow(self) -> None:
         """Update the moving average of the weights.
 
-        In the first steps it adapts faster, since it starts from random weights.
+        In the first steps, the average follows the weights faster, because it starts from random weights.
 
         Buffers of a user's learner, such as those of a batch norm, are copied instead of averaged.
         """
