@@ -20,7 +20,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Diagnostic matrix of the paper to which a condition belongs. There are two."""
+    """Diagnostic matrix that a condition belongs to, one of the two in the paper."""
 
     SHORT = "short"
     LONG = "long"
