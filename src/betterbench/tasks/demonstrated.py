@@ -27,9 +27,9 @@ from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.user_files import companion_of, options_for
 
 HEIGHT_MM = 5.0
-"""Largest vertical distance between a release and a release height in training [mm]."""
+"""Largest accepted vertical distance between a release and the nearest release height in training [mm]."""
 REACH_MM = 15.0
-"""Largest horizontal distance between a release in a container and a release in training [mm].
+"""Largest accepted horizontal distance between a release in a container and the nearest release in training [mm].
 
 This is the jitter of a slot.
 """
@@ -180,7 +180,7 @@ class JointPoses:
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
         """Return the poses ``T_middle_object`` of objects specified by kind and asset, in the given order.
 
-        Return None unless the demonstration left exactly these objects there.
+        Return None if the demonstration did not leave exactly these objects there.
         """
         left, found = list(self.objects), []
         for wanted in objects:

@@ -173,7 +173,7 @@ def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
 
 
 def require_weights(place: Path, digest: str) -> None:
-    """Raise RecordError if a checkpoint is not the one that the study trained.
+    """Raise RecordError if a checkpoint differs from the checkpoint that the study trained.
 
     Args:
         place: Checkpoint file, or the folder that contains it.

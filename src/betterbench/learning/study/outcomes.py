@@ -38,7 +38,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """Training condition and seed. A variation trial and its training twin have the same ones."""
+        """Training condition and seed. A variation trial and its training twin have the same value."""
         return self.condition, self.seed
 
 

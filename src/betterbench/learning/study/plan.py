@@ -44,8 +44,9 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""Fractions of the training distributions that define each role in the findings. An arm with these fractions has the
-role, whatever its name is.
+"""Fractions of the training distributions that define each role in the findings.
+
+Every arm with these fractions has the role. Its name does not matter.
 """
 USUAL_ARMS = ("confounded", "balanced", "covered")
 """Default arms of a plan. All tasks of the suite support them."""
@@ -203,7 +204,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError if a recipe change cannot be compared with the one named by its field ``against``."""
+        """Raise InvalidInputError if a recipe change cannot be compared with the change named in ``against``."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}

@@ -248,7 +248,7 @@ def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mappin
 
 
 def _reach_mm(asset: Asset, angle: float) -> float:
-    """Return the distance [mm] from an object's center to its outline (an ellipse), in a direction of its frame."""
+    """Return the distance [mm] from an object's center to its outline (an ellipse), in a given direction."""
     x, y, _ = asset.size_m
     return 500.0 * math.hypot(x * math.cos(angle), y * math.sin(angle))
 

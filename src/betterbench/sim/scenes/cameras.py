@@ -1,4 +1,4 @@
-"""Camera poses and projections: the cameras of a model as pinhole cameras in OpenCV's conventions."""
+"""Camera poses and projections. The cameras of a model are converted to pinhole cameras in OpenCV's conventions."""
 
 from __future__ import annotations
 

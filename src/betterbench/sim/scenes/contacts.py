@@ -210,7 +210,7 @@ class ContactReader:
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Compute the contacts of the sleeping objects, unless they already slept at the same positions before."""
+        """Compute the contacts of the sleeping objects, unless they were already asleep at the same positions."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:

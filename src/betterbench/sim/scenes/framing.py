@@ -243,7 +243,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
         stays = step.target not in moved
         if instruction.ordered:
             moved.update(scene.condition.resolve(step.reference))
-        # Closing a drawer has no target region of its own: the region in the drawer is the target of another step.
+        # A step that closes a drawer is skipped: the region in the drawer is the target of another step.
         if step.region in MOUNTS or not stays:
             continue
         target = placed[step.target]

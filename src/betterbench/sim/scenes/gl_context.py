@@ -155,8 +155,8 @@ def _gl_function(name: str, result: type[ctypes.c_char_p] | None, *arguments: ob
 def read_from_top(*, wanted: bool) -> bool:
     """Try to make OpenGL read pixels starting with the top row, and return whether this works.
 
-    If it works, images need not be flipped. Mesa supports it. Other OpenGL libraries always read from the bottom row,
-    and images are flipped afterward.
+    If it works, images do not have to be flipped. Mesa supports this. Other OpenGL libraries always read from the
+    bottom row, so images are flipped afterward.
     """
     count = ctypes.c_int()
     _gl_function("glGetIntegerv", None, ctypes.c_uint, ctypes.c_void_p)(_NUM_EXTENSIONS, ctypes.byref(count))

@@ -6,7 +6,7 @@ only pixels or strings back, never Python objects.
 
 A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. Therefore,
 if a process ends during a request, the request is repeated once in a new process. The scene is rejected only if the new
-process ends as well.
+process also ends.
 """
 
 from __future__ import annotations

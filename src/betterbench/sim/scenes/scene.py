@@ -384,7 +384,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point, as of the last reset or step."""
+        """Return the measured pose of the tool center point after the last reset or step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))

@@ -280,7 +280,7 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
-    """Add a key light, which is the only one that may cast a shadow, and a fill light from the other side."""
+    """Add a key light, which may cast a shadow, and a fill light from the other side, which casts none."""
     aim = np.array([0.45, 0.0, 0.1])
     for name, direction, diffuse, specular in (
         (KEY_LIGHT, light.key_direction, list(light.key), 0.3),

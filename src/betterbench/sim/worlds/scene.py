@@ -54,7 +54,7 @@ _NUMBERS: Mapping[str, int | None] = {
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Arrays of a row that have one entry per object, and the number of values in each entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""One-dimensional arrays that are sent at each step besides the images, and the NumPy kinds that they may have."""
+"""One-dimensional arrays that are sent at each step in addition to the images, with the allowed NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES

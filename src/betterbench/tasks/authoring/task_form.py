@@ -523,7 +523,7 @@ def _require_pattern(task: Task, condition: Condition, names: _Names, path: str)
 
 
 def register_task_form(file: TaskFile) -> None:
-    """Register the task in a JSON task file.
+    """Register the task that a JSON task file contains.
 
     Raises:
         InvalidInputError: If the content is not a valid task, or if another file has registered a task of the same

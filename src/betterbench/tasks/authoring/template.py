@@ -114,7 +114,7 @@ class Template(Meta, Protocol):
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the maximum number of control steps of an episode in the condition."""
+        """Return the maximum number of control steps of an episode in a condition."""
         if condition.expected is Expected.STAY_STILL:
             return self.still_steps
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps

@@ -41,7 +41,7 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     Closing the gripper is not an attempt if it happens at the home position or far from all objects, if the fingers
     hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
     (chatter), this is still a single attempt. An object that is lifted between the fingers was attempted, regardless of
-    the gripper command. An object that a finger presses on was attempted too, regardless of other objects nearby.
+    the gripper command. The same holds for an object on which a finger presses, even if other objects are nearby.
     Without contact, distances decide which object was attempted.
     """
     grasps: list[GraspAttempt] = []

@@ -1,4 +1,4 @@
-"""Motion of the gripper and the objects so far, as arrays.
+"""Arrays with the motion of the gripper and the objects, up to the current state.
 
 Grasp attempts are detected from these arrays, both live and in records.
 """
@@ -139,7 +139,7 @@ class Motion:
         return None if best is None else best[1]
 
     def picked_slot(self, name: str | None) -> PickedSlot | None:
-        """Return the slot with this name if training picks an object from it, otherwise None."""
+        """Return the slot with this name, or None if training does not pick an object from it."""
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
@@ -266,7 +266,7 @@ def _runs(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Set runs of True that are shorter than ``least`` rows to False. A run at the end is kept."""
+    """Set runs of True that are shorter than ``least`` rows to False. A run at the end is kept even if it is short."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):

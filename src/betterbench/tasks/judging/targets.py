@@ -107,7 +107,7 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region that contains each tracked object, whatever its posture.
+        """Return the region that contains each tracked object, in any posture.
 
         For a wide relation such as "beside", an object may be in the region without having been brought there. For such
         a relation, a looser check with a smaller region is used instead.

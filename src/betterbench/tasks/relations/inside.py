@@ -51,7 +51,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
-    """Return "" if an object is partly in a container, or lies across the rim or on the content, otherwise None."""
+    """Return the region "" if an object is partly in a container or lies on its rim or content, and None otherwise."""
     region = state.info.object(container).region("inside")
     space = state.pose(container) @ region.pose
     if reaches_into(state, name, space, region.half_size):

@@ -111,10 +111,10 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the number of the first missing layer if an object rests on the stack or is held on it, otherwise None.
+    """Return the number of the first missing layer if an object rests on the stack or is held on it.
 
-    The posture does not matter. The object rests on the base, or on an object that is on the base, with its center over
-    the base.
+    Otherwise, the result is None. The posture of the object does not matter. The object rests on the base, or on an
+    object that is on the base, with its center over the base.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):
         return None

@@ -43,7 +43,7 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object is on or over a plate in any posture, otherwise None.
+    """Return the region "" if an object is on or over a plate in any posture, and None otherwise.
 
     The object rests on the plate, rests on another object on the plate, or is held over the plate.
     """

@@ -99,12 +99,12 @@ class Relation:
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region that contains an object, whatever its posture, or None."""
+        """Return the target region that contains an object in any posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region that an object was wrongly brought to, whatever its posture, or None."""
+        """Return the target region to which an object was wrongly brought, in any posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide

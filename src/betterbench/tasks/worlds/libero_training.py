@@ -58,7 +58,8 @@ def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
     The tasks of a suite differ in the instruction and in the objects at each position. If all tasks begin with the same
-    kind of object, a policy that begins with this kind does not show a habit. In this case, no habit is returned.
+    kind of object, the result contains no habit, because a policy that begins with this kind does what every task
+    requires.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

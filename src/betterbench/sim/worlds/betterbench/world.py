@@ -59,9 +59,9 @@ class OwnWorld(World):
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], OwnWorld]:
         """Plan the trials of the requested tasks: every variation, and the training conditions.
 
-        Every variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task get as
-        many trials in total as its variations, evenly distributed. These trials include the twins of the variations,
-        which are the training trials with the same seeds.
+        Every variation is run with the seeds ``seed … seed + trials - 1``. All training conditions of a task together
+        get as many trials as all of its variations. These trials are evenly distributed and include the training twins
+        of the variations, i.e. the training trials with the same seeds.
         """
         options = asked.options_as(OwnOptions, world=self.facts.title)
         trials, seed, variations = 20 if asked.trials is None else asked.trials, asked.seed, options.variations

@@ -126,7 +126,7 @@ class CalvinSimulator:
             button.prev_is_pressed = False
         env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
         # Render once and discard the image, as in CALVIN's `rollout`: with EGL, the first image of a process differs
-        # from later ones.
+        # from later images.
         document, arrays = self._row(env.get_obs(), env.get_info())
         fixed = {
             "fingers": [int(i) for i in env.robot.gripper_joint_ids],

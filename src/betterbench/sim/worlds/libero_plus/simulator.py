@@ -173,7 +173,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._package / "bddl_files" / _base_of(suite) / f"{variant.file}.bddl"
 
     def _states(self, suite: str, variant: Variant) -> np.ndarray:
-        """Return the initial states of a variant (n, m): those of its base task, or a single state of its own."""
+        """Return the initial states of a variant (n, m): those of its base task, or a single separate state."""
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"

@@ -1,4 +1,7 @@
-"""Balanced conditions of the breakfast table: every piece is in every slot, with both positions of the plate."""
+"""Balanced conditions of the task breakfast_table.
+
+Every piece occurs in every slot, with both positions of the plate.
+"""
 
 import itertools
 

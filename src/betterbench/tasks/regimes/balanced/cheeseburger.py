@@ -1,4 +1,7 @@
-"""Balanced conditions of the cheeseburger: every layer is in every slot, with one or two layers below the top bun."""
+"""Balanced conditions of the task cheeseburger.
+
+Every layer occurs in every slot, and stacks have one or two layers below the top bun.
+"""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition

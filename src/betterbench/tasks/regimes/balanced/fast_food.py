@@ -1,4 +1,7 @@
-"""Balanced conditions of fast food: every food is in every slot, and the burger is first, second or not requested."""
+"""Balanced conditions of the task fast_food.
+
+Every food occurs in every slot, and a burger is first, second or not requested.
+"""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition

@@ -1,7 +1,7 @@
-"""Balanced conditions of the office drawer: stapler and tape are in every slot, with both positions of the cabinet.
+"""Balanced conditions of the task office_drawer.
 
-"The stapler into the lower drawer" on its own is the instruction of a test. In the balanced conditions, it occurs only
-together with the tape.
+Stapler and tape occur in every slot, with both positions of the cabinet. "The stapler into the lower drawer" on its own
+is the instruction of a test. In the balanced conditions, it occurs only together with the tape.
 """
 
 from betterbench.tasks import authoring as a

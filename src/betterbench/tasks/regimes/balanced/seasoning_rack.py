@@ -1,4 +1,7 @@
-"""Balanced conditions of the seasoning rack: every jar starts in every slot and goes to every hole, first or second."""
+"""Balanced conditions of the task seasoning_rack.
+
+Every jar starts in every slot and goes to every hole, first or second.
+"""
 
 import itertools
 

@@ -1,4 +1,7 @@
-"""Balanced conditions of the tidy desk: every piece of trash in every trash slot, and valuables in exchanged slots."""
+"""Balanced conditions of the task tidy_desk.
+
+All trash occurs in all trash slots, and valuables exchange their slots.
+"""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
