@@ -23,7 +23,10 @@ from betterbench.tasks.relations.placing import foot
 SLIDE_M = GAP
 """Minimum distance that a drawer must move to count as moved [m]."""
 LONGEST_CHAIN = 8
-"""Largest number of supports between a target and a slot. A stack of four on an object in a drawer has six."""
+"""Largest number of supports between a target and a slot.
+
+For example, a stack of four objects on an object in a drawer has six supports.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +55,7 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Motion primitive in which the gripper puts down an object. It names the target and the slot below the target.
+    """Motion primitive in which the gripper puts down an object, with the target and the slot below the target.
 
     Attributes:
         kind: Kind of the object.

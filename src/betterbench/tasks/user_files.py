@@ -396,8 +396,8 @@ def companion_of(task: str) -> Companion | None:
     """Return the file with the measured demonstrations of a user's task.
 
     Returns:
-        The path and the text of the file, or None for a built-in task. On a machine that received only the task file,
-        this is the text that was sent with it.
+        The path and the text of the file, or None for a built-in task. On a machine to which the task file was sent,
+        the text is the copy that was sent with it.
     """
     origin = _origins.get(("task", task))
     if origin is None:
@@ -439,7 +439,7 @@ def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
 
 
 def loading_options() -> str:
-    """Return the command-line options that load all files that are loaded in this process, beginning with a space.
+    """Return the command-line options that load the same files as in this process, beginning with a space.
 
     A single suite is loaded with ``--suite``. Commands accept this option only once, so several suites are loaded with
     ``--task-file``.

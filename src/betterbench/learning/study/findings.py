@@ -114,8 +114,8 @@ class RepeatedFinding:
 
     The verdict means that balanced learners solve a variation that confounded learners fail.
 
-    Each training seed is left out in turn. The variations are those that have this verdict according to the learners
-    with all other seeds. The trials are those of the balanced learner with the seed that was left out.
+    Each training seed is left out in turn. The learners with all other seeds determine which variations have this
+    verdict. The balanced learner with the left-out seed is then evaluated on these variations.
 
     Attributes:
         variations: Number of variations with the verdict, summed over the seeds.

@@ -255,7 +255,7 @@ class StudyPlan:
                 )
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return how many demonstrations per training condition an arm takes from each training distribution.
+        """Return the number of demonstrations per training condition that an arm takes from each training distribution.
 
         The numbers add up to ``demos``. Each training distribution of the arm provides at least one demonstration, and
         the numbers are as close to the planned fractions as possible.

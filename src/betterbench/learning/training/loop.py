@@ -63,7 +63,10 @@ _CURES = {
     "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedy for each setting, other than recipe and data, that has changed when a training run is resumed."""
+"""Remedies to suggest if a setting has changed when a training run is resumed, by setting.
+
+Recipe and data are not included.
+"""
 _PATIENCE = timedelta(hours=6)
 """Maximum time that the other processes wait for the first process while it validates and writes files."""
 

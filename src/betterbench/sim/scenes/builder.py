@@ -94,7 +94,7 @@ def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
 
 
 def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks = "seen") -> tuple[Placement, ...]:
-    """Return all objects of a condition with their assets and poses. The order does not depend on their names."""
+    """Return all objects of a condition with their assets and poses. Their order does not depend on names."""
     chosen = {
         o.name: build(o.category, look=look_of(task.id, seed, o, shown=shown), color=o.color) for o in condition.objects
     }
@@ -248,7 +248,7 @@ def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mappin
 
 
 def _reach_mm(asset: Asset, angle: float) -> float:
-    """Return the distance [mm] from an object's center to its outline (an ellipse), in a given direction."""
+    """Return the distance [mm] from an object's center to its elliptical outline, at an angle [rad] in its frame."""
     x, y, _ = asset.size_m
     return 500.0 * math.hypot(x * math.cos(angle), y * math.sin(angle))
 

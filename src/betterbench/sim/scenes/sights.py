@@ -96,7 +96,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Region of an image around an object, with the height of its lowest point and its largest depth [m]."""
+    """Image region around an object, with the height of the object's lowest point and its largest depth [m]."""
 
     rect: Box
     low_m: float

@@ -57,7 +57,7 @@ WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
 
 FRONT_CAMERA = CameraMount((1.45, 0.0, 0.95), (0.49, 0.0, 0.095), (0.0, 0.0, 1.0), 27.5)
-"""Front camera of the stage. A robot may replace it with its own."""
+"""Front camera of the stage. A robot may replace it with its own front camera."""
 
 KEY_LIGHT = "key"
 """Name of the only light that may cast a shadow."""

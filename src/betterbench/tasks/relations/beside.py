@@ -246,7 +246,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side of the anchor with a region below a point, or None if there is no such region."""
+    """Return the side of the anchor whose region is below a point, or None if there is no such side."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:

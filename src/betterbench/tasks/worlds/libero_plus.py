@@ -24,7 +24,7 @@ AXES: Mapping[str, str] = {
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""Descriptions of the axes, by the word with which their conditions begin, in the paper's order."""
+"""Descriptions of the axes, in the paper's order. The keys are the first words in the names of conditions."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
