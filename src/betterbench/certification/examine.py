@@ -61,7 +61,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Results for clause (a) of a certificate (the expert solves the trial) and for each of its motion primitives."""
+    """Results for clause (a) of a certificate (the expert solves the trial) and for the motion primitives."""
 
     clause: Clause
     steps: int

@@ -33,7 +33,7 @@ MARGIN_M = 0.01
 """Minimum distance between a slot and the limits of the reach [m], since objects are placed randomly around the slot.
 """
 WIDEST_RAD = math.radians(100.0)
-"""Largest angle between the forward direction of the robot and a slot [rad]."""
+"""Largest angle between the forward direction of the robot and the direction to a slot [rad]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,7 +115,7 @@ class Condition:
         Raises:
             UnknownNameError: If the condition has no such object.
         """
-        for found in self.objects:  # this is called often, and the kind is only for the message
+        for found in self.objects:  # a loop, because find_named() would format its message text at every call
             if found.name == name:
                 return found
         return find_named(f"object of {self.id}", name, self.objects)

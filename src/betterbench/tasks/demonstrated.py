@@ -135,7 +135,7 @@ class LeaningPose(NamedTuple):
     def of(cls, pose: Pose) -> LeaningPose:
         """Convert a pose relative to the center of the target region to its stored form.
 
-        It is rounded to 0.01 mm and about 0.01 degrees.
+        The stored form is rounded to 0.01 mm and about 0.01 degrees.
         """
         x, y, z = (round(1000.0 * value, 2) for value in pose.position)
         qw, qx, qy, qz = (round(value, 4) for value in pose.quaternion)

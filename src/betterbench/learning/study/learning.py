@@ -81,7 +81,7 @@ class _Learner(SpawnedProcess):
     def __init__(self, job: TrainingJob, device: str) -> None:
         super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
         self.job = job
-        self.done = self.planned = 0  # steps
+        self.done = self.planned = 0  # numbers of training steps
         self.note = ""  # the latest message
         self.policy: TrainedPolicy | None = None
 

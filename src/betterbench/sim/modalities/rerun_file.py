@@ -28,7 +28,10 @@ _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
 _PNG_LEVEL = 4
 _DEPTH_PER_M = 1000.0
-"""Number of depth units per meter in the file. With 32-bit depth, depth images would take up nine tenths of a file."""
+"""Number of depth units per meter in the file.
+
+Depths are stored with 16 bits, because 32-bit depths would take up nine tenths of a file.
+"""
 
 _APPLICATION = "betterbench"
 _HEAD_BYTES = 4096

@@ -107,7 +107,7 @@ def materialize_run(
             return in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run))
 
         while True:
-            running = follow and run.is_running  # before reading the journal: the run may end in between
+            running = follow and run.is_running  # before reading the journal, because the run may end in between
             known = list(recorded_trials(run, trials))
             fresh = run_items(
                 known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
@@ -124,7 +124,7 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the recorded trials in the order of the journal, or only the requested ones.
+    """Yield the recorded trials, or only the requested trials, in the order of the journal.
 
     Raises RecordError if a requested trial is not recorded.
     """
@@ -244,7 +244,7 @@ class _Writer:
                     for sights, time_s in zip(taken, times, strict=True):
                         files.add(sights, time_s)
             except BaseException:
-                limited.close()  # its process may still be sending rows, so it cannot be reused
+                limited.close()  # the process may still be sending rows, so it cannot be reused
                 raise
             return files.finish(origin)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.stage import quality_preset
     from betterbench.sim.scenes.stored import StoredView, load_model
 
-require_engine()  # MuJoCo reads these variables when it is imported, and its own error would not name a remedy
+require_engine()  # checked before MuJoCo reads these variables at import, because MuJoCo's own error names no remedy
 
 __all__ = [
     "CONTROL_RATE_HZ",

@@ -34,7 +34,9 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points (n, 3) [m] of the world frame into the image. Raises InvalidInputError for any other shape.
+        """Project points (n, 3) [m] of the world frame into the image.
+
+        Raises InvalidInputError if the points have another shape.
 
         Returns:
             The pixels (u, v) as an (n, 2) float64 array, which may lie outside the image, and the depths along the

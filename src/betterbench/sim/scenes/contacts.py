@@ -131,7 +131,7 @@ class ContactReader:
             self._keep(data, positions)
             kept = self._kept
         row = self._row
-        if groups is not row.groups or kept is not row.kept:  # rare: contacts of a held object last long
+        if groups is not row.groups or kept is not row.kept:  # rare: contacts last for many steps
             row = self._row = self._new_row(groups, kept)
         contacts = row.contacts
         if row.awake:

@@ -43,5 +43,6 @@ def simulator_environment() -> dict[str, str]:
     # robosuite renders only with EGL or OSMesa, independently of our own renderer
     backend = "osmesa" if gl_backend() == "osmesa" else "egl"
     devices = next_device_variables() if backend == "egl" else {}
-    # Some libraries read the home directory when they are imported. That fails for a user without a name.
+    # Some libraries read the home directory when they are imported. This fails if the system has no name for the user's
+    # id.
     return {"HOME": _NO_HOME, **kept, **_OWN, "MUJOCO_GL": backend, **devices}

@@ -49,8 +49,8 @@ class PlanRequest:
     Attributes:
         suite: Suite name.
         tasks: Tasks to run, by name or number. By default, all tasks in the suite are run.
-        trials: Number of trials, as the world counts them (per variation, initial states or chains). If it is None, the
-            world's usual number is used.
+        trials: Number of trials per variation, of initial states or of chains, depending on the world. If it is None,
+            the world's usual number is used.
         seed: First seed, first initial state or first chain, depending on the world.
         options: Values of the options that only this world has, by name.
     """
@@ -62,7 +62,7 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def chosen(self, known: Iterable[str]) -> tuple[str, ...]:
-        """Return the tasks to run out of all tasks of the suite, in their order. Raises UnknownNameError for others."""
+        """Return the tasks to run, in the order of the suite. Raises UnknownNameError for unknown tasks."""
         names = tuple(known)
         for task in self.tasks:
             if task not in names:

@@ -69,7 +69,7 @@ class TrainingDistribution:
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of objects that the condition's instruction or any training instruction refers to."""
+        """Return the kinds of objects that the instruction of a condition or any training instruction refers to."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }

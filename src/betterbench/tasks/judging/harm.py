@@ -194,7 +194,7 @@ class HarmWatch:
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
-            return  # An object that has not moved needs no new center, so that most control steps cost nothing.
+            return  # The center of an object is computed only after the object has moved.
         self._before = positions, quaternions
         for i in self._watched:
             if was and positions[i] == was[i] and quaternions[i] == turned[i]:

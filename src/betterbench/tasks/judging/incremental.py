@@ -117,7 +117,8 @@ class _NotingState(WorldState):
         return self.state.quaternions[self.info.index(name)]
 
     def touching(self, a: str, b: str) -> bool:
-        # A new or lost contact changes both bodies. Objects have fewer contact pairs than the table.
+        # A new or lost contact is listed for both bodies. It is enough to record one of them. Objects have fewer
+        # contacts than the table.
         self.read.add(a if a in self.info else b)
         return self.state.touching(a, b)
 

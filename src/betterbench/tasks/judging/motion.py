@@ -210,8 +210,8 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
     """Return whether the gripper is commanded to close, or is kept closed by a zero command, at each row (T,).
 
     The result follows the majority of the commands within a quarter of a second, so that flicker or short pulses do not
-    hide a closing. If the fingers stay half open for longer without touching anything, they have not closed. The policy
-    has then only set the gripper to the width of an object.
+    hide a closing. If a zero command keeps the fingers half open for longer than that, and they touch nothing, the
+    gripper does not count as closing. The policy has then only set the gripper to the width of an object.
 
     Args:
         command: Command of the gripper. It is positive to close and negative to open.
@@ -275,7 +275,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Builds a :class:`Motion` one state at a time."""
+    """Builder that constructs a :class:`Motion` from one state after another."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked

@@ -11,9 +11,9 @@ from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations import Relation, is_at, relation
 
 Places = tuple[tuple[str | None, ...], ...]
-"""Region in which each watched object is, for each watched target.
+"""Region that contains each watched object, for each watched target.
 
-It is one region, the names of several if regions overlap, or None.
+If regions overlap, the entry contains the names of all of them. It is None if no region contains the object.
 """
 
 

@@ -304,7 +304,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None, because every chain needs a new process: PyBullet keeps some state that no reset clears."""
+        """Always None, because every chain needs a new process: PyBullet keeps some state that no reset clears."""
         return None
 
     @property

@@ -72,7 +72,8 @@ class Touching:
     def _forces(self, contacts: Any) -> list[float]:  # noqa: ANN401 - MuJoCo's own
         address = contacts.efc_address.tolist()
         if self._elliptic and self._data.nefc:
-            # As in mj_contactForce. A contact without a row in efc_force is too far away to exert a force.
+            # The same formula as in mj_contactForce. A contact without a row in efc_force is too far away to exert a
+            # force.
             forces = self._data.efc_force.tolist()
             return [forces[row] if row >= 0 else 0.0 for row in address]
         rows = np.zeros((len(address), 6))
@@ -123,7 +124,7 @@ class Relations:
         halves = [[float(x) for x in box.size] for box in boxes]
         holders = [env.get_object(env.object_states_dict[relation[2]].parent_name) for relation in placed]
         things = [env.get_object(relation[1]) for relation in placed]
-        # LIBERO's relation "in" also requires that the object touches nothing.
+        # LIBERO's relation "on" also requires a contact with the box's owner. "in" does not require a contact.
         needed = [h if relation[0] == "on" else None for h, relation in zip(holders, placed, strict=True)]
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 

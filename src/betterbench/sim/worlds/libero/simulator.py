@@ -504,7 +504,7 @@ class _Reader:
             corners.append((there - origin) @ rotation)
         if not corners:
             return np.zeros(3), np.zeros(3)
-        every = np.ascontiguousarray(np.concatenate(corners).T)  # coordinate-wise layout is three times as fast
+        every = np.ascontiguousarray(np.concatenate(corners).T)  # one row per coordinate: three times as fast
         low, high = every.min(axis=1), every.max(axis=1)
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 

@@ -181,7 +181,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return states.reshape(1, -1) if variant.own else states
 
     def _missing(self, text: str) -> Iterator[str]:
-        """Yield each asset file that the scene needs and that is missing, relative to the assets folder."""
+        """Yield the path of each missing asset file that the scene needs, relative to the assets folder."""
         problem = self._problems(_first(_PROBLEM, text).lower())
         needed = [] if problem.scene is None else [problem.scene]
         for kind, style in (("floor", problem.floor), ("wall", problem.wall)):
@@ -389,7 +389,7 @@ def _base_of(suite: str) -> str:
 
 
 def _kind_of(name: str) -> str:
-    """Return the name that LIBERO gives the kind of an object class ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
+    """Return LIBERO's name for the kind of an object class ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
     return "_".join(re.sub(r"([A-Z0-9])", r" \1", name).split()).lower()
 
 

@@ -129,7 +129,7 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator. It is LIBERO's, so that the trials can be compared with trials of the base tasks."""
+        """Name of the simulator. LIBERO's name is used, so that trials can be compared with trials of base tasks."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
@@ -225,7 +225,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return how many variants on each axis need files that are missing."""
+    """Return the number of variants on each axis that need missing files."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 
