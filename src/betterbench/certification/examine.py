@@ -39,7 +39,7 @@ from betterbench.tasks.relations import RELATIONS
 REST_STEPS = 4
 """Number of control steps for which the robot does not move and the objects must stay at rest: 0.2 s."""
 DRIFT_M = 0.001
-"""Largest distance that an untouched object may move in this time [m]."""
+"""Largest distance that an untouched object may move during these steps [m]."""
 PENETRATION_M = 0.0015
 """Largest penetration that is accepted as normal contact, since MuJoCo's constraints are soft [m].
 

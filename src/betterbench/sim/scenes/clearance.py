@@ -44,7 +44,7 @@ class Clearance:
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
         # Check only the robot and the held object, each against everything except the robot. Contacts among the other
-        # objects and among robot parts are not needed, and computing them would take a third of the time.
+        # objects and among robot parts are not needed. Computing them would take a third of the time.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0

@@ -69,7 +69,7 @@ def _require_facts(world: World) -> None:
             raise InvalidInputError(place, f"its key differs from its name, {suite.name!r}", "Use the name as the key")
         if suite.change is None and suite.base != suite.name:
             cure = "Set the base to the name of the suite, or set change to the name of the change"
-            raise InvalidInputError(place, f"it has no change, but another base, {suite.base!r}", cure)
+            raise InvalidInputError(place, f"it has no change, but its base is {suite.base!r}", cure)
 
 
 def forget_world(name: str) -> None:

@@ -49,7 +49,7 @@ class RowForm:
             self.places[name], self.shapes[name] = slice(at, end), tuple(shape)
             at = end
         if at > MAX_NUMBERS:
-            raise ValueError(f"the rows have {at} numbers, which is too long")
+            raise ValueError(f"the rows have {at} numbers, expected at most {MAX_NUMBERS}")
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:

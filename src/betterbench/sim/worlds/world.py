@@ -381,7 +381,7 @@ class World(ABC):
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return the messages that are shown before a run: its extent and its limitations."""
+        """Return the messages about the extent and the limitations of a run, which are shown before it starts."""
         return (f"{len(trials)} trial{'' if len(trials) == 1 else 's'} of {suite}.",)
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:  # noqa: B027 - most need nothing

@@ -232,7 +232,7 @@ def relation(name: str) -> Relation:
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Turn a test for the single region of a target into the ``where`` function of a relation."""
+    """Convert a test with a boolean result to the ``where`` function of a relation with single-region targets."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None

@@ -16,7 +16,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks import TrainingDistribution
 
 CARRIED = {"in": "inside", "on": "on_plate"}
-"""Relations of LIBERO that are established by carrying an object, each with the similar relation of betterbench."""
+"""Relations of LIBERO that are established by carrying an object. The values are similar relations of betterbench."""
 
 _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECASE)
 
