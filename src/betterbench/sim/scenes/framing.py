@@ -83,7 +83,7 @@ class Framing:
 
 
 class FramingView:
-    """Renderer of a scene that measures the framing in the images. It does not change the scene."""
+    """Renderer that measures the framing in images of a scene, without changing the scene."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the model of the scene, and create a renderer for the copy."""
