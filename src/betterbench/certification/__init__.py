@@ -1,4 +1,4 @@
-"""Certification: evidence for each trial that a failure can be caused only by the policy.
+"""Certification: evidence that a failure in a trial can only be caused by the policy.
 
 The modules that contain only data (:mod:`~betterbench.certification.certificate`,
 :mod:`~betterbench.certification.coverage`, :mod:`~betterbench.certification.support`) need no simulator.

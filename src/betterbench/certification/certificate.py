@@ -157,7 +157,7 @@ class Certificate:
 
     @property
     def ambiguous(self) -> tuple[TrialCertificate, ...]:
-        """Trials whose instruction assumes something false about the scene, so that no outcome is right or wrong."""
+        """Trials whose instruction makes a false assumption about the scene, so that no outcome is right or wrong."""
         return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
 
     @property
@@ -210,7 +210,7 @@ _CERTIFICATE = TypeAdapter(Certificate)
 
 @functools.cache
 def _is_ambiguous(task: str, condition: str) -> bool:
-    """Return whether the instruction of a condition assumes something false about the scene.
+    """Return whether the instruction of a condition makes a false assumption about the scene.
 
     Return False for an unknown condition.
     """
@@ -229,8 +229,9 @@ class Summary:
         passed: Number of trials in which all clauses hold.
         clauses: Number of trials in which the clause holds, for each clause.
         steps_share: Largest number of steps in which the expert solved a trial, as a fraction of the step limit. None
-            if it solved no trial, or if the episodes always run until the limit.
-        notes: Remarks on clauses, without duplicates. A remark on a clause that fails names the seed of such a trial.
+            if the expert solved no trial, or if the episodes always run until the limit.
+        notes: Remarks on clauses, without duplicates. If a clause fails in some trials, the remark contains the seed of
+            one of them.
     """
 
     task: str

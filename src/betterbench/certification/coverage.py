@@ -22,11 +22,15 @@ from betterbench.tasks.user_files import options_for, suite_file
 SOLVED_SHARE = 0.95
 """Minimum fraction of a condition's trials that the expert must solve.
 
-If the expert reaches this fraction, the unsolved trials are certified as well, because their failures are attributed to
-the expert. They are listed separately. Clauses (b) to (e) must hold in every trial.
+If the expert reaches this fraction, the unsolved trials are also certified, because these failures are assumed to be
+failures of the expert, not of the scene. These trials are listed separately. Clauses (b) to (e) must hold in every
+trial.
 """
 MOST_SEEDS = 1_000_000
-"""Largest seed that is allowed in a range. Expanding a larger range from an untrusted file could exhaust the memory."""
+"""Largest seed that is allowed in a range.
+
+Without a limit, expanding a range from an untrusted file could exhaust the memory.
+"""
 MAX_BYTES = 256 << 20
 """Size of the largest certificate file that is accepted [bytes]."""
 

@@ -74,7 +74,7 @@ class Demonstration:
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return the demonstrations of a task that are to be measured. They use the training conditions in turn.
+    """Return the demonstrations of a task that are to be measured. The training conditions are used in turn.
 
     Returns:
         Two tuples: the demonstrations that start with no object at a target, and those that start with some objects
@@ -171,7 +171,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return the heights in ascending order, omitting each that is at most 0.5 mm above the previous one."""
+    """Return the heights in ascending order. A height that is at most 0.5 mm above the previous one is left out."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

@@ -39,7 +39,7 @@ from betterbench.tasks.relations import RELATIONS
 REST_STEPS = 4
 """Number of control steps for which the robot does not move and the objects must stay at rest: 0.2 s."""
 DRIFT_M = 0.001
-"""Largest distance that an untouched object may move in this time [m]."""
+"""Largest distance that an untouched object may move during these steps [m]."""
 PENETRATION_M = 0.0015
 """Largest penetration that is accepted as normal contact, since MuJoCo's constraints are soft [m].
 
@@ -61,7 +61,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Results for clause (a) of a certificate (the expert solves the trial) and for each of its motion primitives."""
+    """Results for clause (a) of a certificate (the expert solves the trial) and for the motion primitives."""
 
     clause: Clause
     steps: int
@@ -89,7 +89,10 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str | None = None,
 ) -> TrialCertificate:
-    """Examine one seed of a condition against all clauses of a certificate. The condition may be unregistered."""
+    """Examine one seed of a condition against all clauses of a certificate.
+
+    The condition does not have to be registered.
+    """
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot

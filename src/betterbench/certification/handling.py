@@ -21,9 +21,12 @@ from betterbench.tasks.relations.closed import GAP
 from betterbench.tasks.relations.placing import foot
 
 SLIDE_M = GAP
-"""Distance that a drawer must move at least to count as moved [m]."""
+"""Minimum distance that a drawer must move to count as moved [m]."""
 LONGEST_CHAIN = 8
-"""Largest number of supports between a target and a slot. A stack of four on an object in a mounted drawer has six."""
+"""Largest number of supports between a target and a slot.
+
+For example, a stack of four objects on an object in a drawer has six supports.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +55,7 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Motion primitive in which the gripper puts down an object. It names the target and the slot below the target.
+    """Motion primitive in which the gripper puts down an object, with the target and the slot below the target.
 
     Attributes:
         kind: Kind of the object.
@@ -60,8 +63,8 @@ class Put:
         relation: Name of the object's relation to the target, or None if the object was dropped on the way.
         region: Region of the target, if the target has several regions.
         slot: Slot of the target or of the support below it, or None if there is none.
-        level: Number of objects between this object and the slot. The cabinet in which a drawer is mounted does not
-            count.
+        level: Number of objects between this object and the slot. Cabinets in which drawers are mounted are not
+            counted.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the target's asset.
         target_pose: Pose ``T_world_middle`` of the center of the target region when the object came to rest. Without a
@@ -301,7 +304,7 @@ def _in_fingers(state: WorldState, name: str) -> bool:
 def ground_of(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
     """Return the slot below an object (or None), the object's level above the slot, and the lowest object of the stack.
 
-    The cabinets in which drawers are mounted do not count as levels.
+    Cabinets in which drawers are mounted are not counted as levels.
     """
     level = 1
     for _ in range(LONGEST_CHAIN):

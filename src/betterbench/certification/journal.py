@@ -1,4 +1,4 @@
-"""Journal of a certification. After an interruption, the certification is resumed from it.
+"""Journal of a certification, from which the certification is resumed after an interruption.
 
 The first line contains the versions. Every further line contains one trial and is flushed to the disk. In journals of
 version 2, each line is linked to the previous one by a hash. Journals of version 1 can be read, with a warning.

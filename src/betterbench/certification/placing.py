@@ -33,7 +33,7 @@ MARGIN_M = 0.01
 """Minimum distance between a slot and the limits of the reach [m], since objects are placed randomly around the slot.
 """
 WIDEST_RAD = math.radians(100.0)
-"""Largest angle between the forward direction of the robot and a slot [rad]."""
+"""Largest angle between the forward direction of the robot and the direction to a slot [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class GraspCount:
-    """Number of trials in which a grasp could be planned for a certain object.
+    """Number of trials in which a grasp of a certain object could be planned.
 
     Attributes:
         name: Name of the object.
@@ -100,8 +100,8 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 def place_task(task: Task, spec: RobotSpec) -> Placed:
     """Adapt a task to another robot. The base is moved to the position from which the fewest slots are out of reach.
 
-    If several positions are equally good, the slots are on average as close as possible to the middle of the reach.
-    Raises InvalidInputError if the task is already made for this robot.
+    If several positions are equally good, the position is chosen at which the slots are closest to the middle of the
+    reach on average. Raises InvalidInputError if the task is already made for this robot.
     """
     if task.robot == spec.name:
         problem = f"{task.id} is already laid out for robot {spec.name!r}"
@@ -112,7 +112,7 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
     center = np.array(spec.steering.center[:2])
     steps = np.arange(-FARTHEST_M, FARTHEST_M + 0.5 * GRID_M, GRID_M)
     positions = np.array(list(itertools.product(steps, steps)))
-    flat = slots - positions[:, None] - center  # (positions, slots, 2)
+    flat = slots - positions[:, None] - center  # shape (positions, slots, 2)
     radii = np.hypot(flat[..., 0], flat[..., 1])
     out = (radii < near) | (radii > far) | (np.abs(np.arctan2(flat[..., 1], flat[..., 0])) > WIDEST_RAD)
     best = int(np.lexsort((np.abs(radii - 0.5 * (near + far)).sum(axis=1), out.sum(axis=1)))[0])

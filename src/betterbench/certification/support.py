@@ -26,7 +26,7 @@ YAW_TOLERANCE_RAD = 0.02
 PUSHED_TOLERANCE_M = 0.005
 """Position tolerance for a movable target [m], which may be pushed by this distance when an object is placed on it."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
-"""Largest accepted distance [m] and rotation [rad] of a pre-placed object from the nearest final demonstration pose."""
+"""Maximum distance [m] and rotation [rad] of a pre-placed object from the nearest final pose in demonstrations."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,7 +115,7 @@ class Condition:
         Raises:
             UnknownNameError: If the condition has no such object.
         """
-        for found in self.objects:  # this is called often, and the kind is only for the message
+        for found in self.objects:  # a loop, because find_named() would format its message text at every call
             if found.name == name:
                 return found
         return find_named(f"object of {self.id}", name, self.objects)
@@ -144,7 +144,7 @@ class Condition:
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
         form["opened"] = dict(self.opened)
-        if self.cloth is None:  # conditions without a cloth or a watch keep the JSON form of earlier versions
+        if self.cloth is None:  # without these fields, the JSON form is that of earlier versions
             del form["cloth"]
         if not self.watch_steps:
             del form["watch_steps"]

@@ -27,9 +27,9 @@ from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.user_files import companion_of, options_for
 
 HEIGHT_MM = 5.0
-"""Largest vertical distance between a release and a release height in training [mm]."""
+"""Largest accepted vertical distance between a release and the nearest release height in training [mm]."""
 REACH_MM = 15.0
-"""Largest horizontal distance between a release in a container and a release in training [mm].
+"""Largest accepted horizontal distance between a release in a container and the nearest release in training [mm].
 
 This is the jitter of a slot.
 """
@@ -121,7 +121,7 @@ class FinalPoses:
 
 
 class LeaningPose(NamedTuple):
-    """Pose of an object that may lean on other objects, in the frame of the target.
+    """Final pose of an object that may lean on other objects, in the frame of the target.
 
     Attributes:
         position_mm: Position relative to the center of the target region [mm].
@@ -135,7 +135,7 @@ class LeaningPose(NamedTuple):
     def of(cls, pose: Pose) -> LeaningPose:
         """Convert a pose relative to the center of the target region to its stored form.
 
-        It is rounded to 0.01 mm and about 0.01 degrees.
+        The stored form is rounded to 0.01 mm and about 0.01 degrees.
         """
         x, y, z = (round(1000.0 * value, 2) for value in pose.position)
         qw, qx, qy, qz = (round(value, 4) for value in pose.quaternion)
@@ -180,7 +180,7 @@ class JointPoses:
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
         """Return the poses ``T_middle_object`` of objects specified by kind and asset, in the given order.
 
-        Return None unless the demonstration left exactly these objects there.
+        Return None if the demonstration did not leave exactly these objects there.
         """
         left, found = list(self.objects), []
         for wanted in objects:
@@ -223,7 +223,7 @@ class Demonstrated:
     def final_poses_at(
         self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
-        """Return the final poses at a target from demonstrations with the same object, or with the most similar one.
+        """Return the final poses at a target from demonstrations with the most similar object, ideally the same one.
 
         Poses of the same object asset at the same target asset come first. If there are none, poses of the same object
         asset at other target assets are returned. Next come poses of the same kind of object, and then poses of any

@@ -27,8 +27,8 @@ _LABELS: dict[str, Label] = {}
 class Label(str):
     """Outcome label of a trial: a string with a kind of outcome. There is exactly one object for each name.
 
-    If several pieces of evidence concern the same moment, the one whose label comes first in the order of labels
-    decides. Use :func:`new_label` to create further labels.
+    If several pieces of evidence concern the same moment, the label that comes first in the order of labels is
+    assigned. Use :func:`new_label` to create further labels.
 
     Raises:
         UnknownNameError: If there is no label with this name.

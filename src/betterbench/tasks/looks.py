@@ -1,4 +1,4 @@
-"""Appearance of the objects and rooms in a run: either those used in training and tests, or held-out ones."""
+"""Appearance of the objects and rooms in a run: the appearance used in training and tests, or a held-out one."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ NAMES: Mapping[tuple[str, str], str] = {
 }
 """Present module of each public name that moved, by the former package and the name.
 
-Only names are listed that did not move together with their package.
+Names that moved together with their package are not listed.
 """
 
 

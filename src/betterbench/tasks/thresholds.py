@@ -1,7 +1,7 @@
 """Thresholds for live judging, and the table of all thresholds that affect a verdict.
 
 The goal tracker, the detection of grasp attempts and the rules about harm judge a trial while it runs. Their thresholds
-are defined here, including those that the diagnosis uses as well. Thresholds that only the diagnosis uses are in
+are defined here, even if the diagnosis uses them too. Thresholds that only the diagnosis uses are in
 :mod:`betterbench.diagnosis.thresholds`. The tolerances of a relation are defined in the relation's file. A user's
 failure mode defines its own thresholds.
 """

@@ -124,7 +124,7 @@ class TaskFile:
     def option_by_name(self) -> tuple[str, str]:
         """Command-line option that loads the file, given by its name without the folder.
 
-        It is meant for readers of a shared file, because they have the file in a different folder.
+        It is meant for people who received the file from others, because they may have it in a different folder.
         """
         if self.is_asset_folder:
             return "--asset-dir", Path(self.path).parent.name
@@ -286,7 +286,7 @@ def load_sources(files: Iterable[TaskFile]) -> None:
         for file in files:
             if file.path in _files or file.sha256 in {f.sha256 for f in _files.values()}:
                 continue
-            if file.is_asset_folder:  # the registry of assets reads it when an asset is first looked up
+            if file.is_asset_folder:  # the asset registry reads the manifest when an asset is first looked up
                 _files[file.path] = file
                 continue
             with _registering(_Origin(file.path, file.path)):
@@ -302,7 +302,7 @@ def _execute(file: TaskFile) -> None:
     if spec is None or spec.loader is None:
         raise AssertionError("the import system returned no module specification for the file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look up the module of their class there
+    sys.modules[name] = module  # dataclasses look up the module of their class in sys.modules
     spec.loader.exec_module(module)
 
 
@@ -396,8 +396,8 @@ def companion_of(task: str) -> Companion | None:
     """Return the file with the measured demonstrations of a user's task.
 
     Returns:
-        The path and the text of the file, or None for a built-in task. On a machine that received only the task file,
-        this is the text that was sent with it.
+        The path and the text of the file, or None for a built-in task. On a machine to which the task file was sent,
+        the text is the copy that was sent with it.
     """
     origin = _origins.get(("task", task))
     if origin is None:
@@ -439,7 +439,7 @@ def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
 
 
 def loading_options() -> str:
-    """Return the command-line options that load all files that are loaded in this process, beginning with a space.
+    """Return the command-line options that load the same files as in this process, beginning with a space.
 
     A single suite is loaded with ``--suite``. Commands accept this option only once, so several suites are loaded with
     ``--task-file``.
@@ -504,9 +504,9 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Context manager that makes a file the origin of everything that is registered.
+    """Context manager that records a file as the origin of everything that is registered inside it.
 
-    At the end, its tasks are built as a check.
+    At the end, the tasks of the file are built as a check.
     """
     _loading.append(origin)
     try:

@@ -36,7 +36,10 @@ def plural(kind: str) -> str:
 
 
 def is_plural(kind: str) -> bool:
-    """Return whether the noun for a kind of object is a plural. "Fries" is, but "glass" and "cactus" are not."""
+    """Return whether the noun for a kind of object is a plural.
+
+    "Fries" is a plural, but "glass" and "cactus" are not.
+    """
     return kind.endswith("s") and not kind.endswith(("ss", "us", "is"))
 
 

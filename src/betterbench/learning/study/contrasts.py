@@ -1,4 +1,4 @@
-"""Success rates and gaps of groups of learners, and differences between two groups on the trials that both ran.
+"""Success rates and gaps of groups of learners, and differences between two groups on the trials that both groups ran.
 
 A learner is a policy that the study trains. An arm is a mixture of training distributions. The demonstrations for its
 learners come from these distributions.
@@ -151,7 +151,7 @@ def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: S
     )
     gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
     wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
-    tested = p if len(known) > 1 else None  # a single pair of learners does not generalize
+    tested = p if len(known) > 1 else None  # one pair of learners does not show whether other seeds agree
     found = figure_of(wider, len(known), noun="learner pairs", p_value=tested)
     of_trials = figure_of(success, len(trials), p_value=solved if len(means) > 1 else None)
     return ArmContrast(name, task, of_trials, found, len(known))

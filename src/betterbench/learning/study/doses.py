@@ -1,7 +1,7 @@
-"""Dose response of a confound: how the failure rate on variations that break the confound depends on its dose.
+"""Dose response of a confound: the failure rate on variations that break the confound, as a function of its dose.
 
-A confound is a property that always coincides with another in the demonstrations, such as a word with a place. The dose
-is the fraction of the demonstrations that have the confound.
+A confound is a property that always coincides with another in the demonstrations, such as a word that always goes with
+the same place. The dose is the fraction of the demonstrations that have the confound.
 """
 
 from __future__ import annotations

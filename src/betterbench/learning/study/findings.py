@@ -67,7 +67,7 @@ class VariationFinding:
     """Results of the learners on one variation.
 
     Attributes:
-        risk: Risk that the audit of the confounded demonstrations predicts; None without an audit.
+        risk: Risk that the audit of the confounded demonstrations predicts; None if there was no audit.
         predicted: Failure label that the audit predicts; "" if it predicts no failure.
         never_shown: Words, object categories and colors of the variation that are missing from the training data of the
             confounded learners or of the balanced learners.
@@ -114,8 +114,8 @@ class RepeatedFinding:
 
     The verdict means that balanced learners solve a variation that confounded learners fail.
 
-    Each training seed is left out in turn. The variations are those that have this verdict according to the learners
-    with all other seeds. The trials are those of the balanced learner with the seed that was left out.
+    Each training seed is left out in turn. The learners with all other seeds determine which variations have this
+    verdict. The balanced learner with the left-out seed is then evaluated on these variations.
 
     Attributes:
         variations: Number of variations with the verdict, summed over the seeds.
@@ -161,8 +161,8 @@ class StudyFindings:
         roles: Name of the arm that has each role, such as "confounded" or "balanced".
         coverage: Comparisons :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty if the study
             has no arms for them.
-        known: Results on variations that contain only words and objects that occur in training; None without the
-            balanced and confounded arms.
+        known: Results on variations that contain only words and objects that occur in training; None if the study does
+            not have both balanced and confounded arms.
         repeated: Replication of the verdicts with left-out learners; None unless both arms have at least two training
             seeds.
         doses: Results by the fraction of the demonstrations that have confounds; empty if no arm mixes training

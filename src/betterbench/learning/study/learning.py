@@ -81,7 +81,7 @@ class _Learner(SpawnedProcess):
     def __init__(self, job: TrainingJob, device: str) -> None:
         super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
         self.job = job
-        self.done = self.planned = 0  # steps
+        self.done = self.planned = 0  # numbers of training steps
         self.note = ""  # the latest message
         self.policy: TrainedPolicy | None = None
 
@@ -173,7 +173,7 @@ def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
 
 
 def require_weights(place: Path, digest: str) -> None:
-    """Raise RecordError if a checkpoint is not the one that the study trained.
+    """Raise RecordError if a checkpoint differs from the checkpoint that the study trained.
 
     Args:
         place: Checkpoint file, or the folder that contains it.

@@ -1,4 +1,7 @@
-"""Effects of recipe changes (levers), for each axis and overall, in the layout of Table 3 of the BeTTER paper."""
+"""Effects of changes to the training recipe (levers), for each axis and overall.
+
+The tables have the layout of Table 3 of the BeTTER paper.
+"""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ class TrialOutcome:
         condition: Training condition; for a variation, the condition of its training twin (the training trial with the
             same seed).
         label: Label that the diagnosis gave to the trial.
-        intention: Whether the first grasp attempt was at the right object; None without a record.
-        target: Slot or object of the first grasp attempt; None without an attempt.
+        intention: Whether the first grasp attempt was at the right object; None if the trial has no record.
+        target: Slot or object of the first grasp attempt; None if there was no attempt.
     """
 
     variation: str | None
@@ -38,7 +38,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """Training condition and seed. They are the same for a variation trial and its training trial."""
+        """Training condition and seed. A variation trial and its training twin have the same value."""
         return self.condition, self.seed
 
 

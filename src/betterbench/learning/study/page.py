@@ -164,7 +164,7 @@ def _duration(seconds: float) -> str:
 
 
 def study_charts(found: StudyFindings) -> Iterator[Chart]:
-    """Yield the charts of the page: success by arm, how much of each gap balancing removes, and failure by dose."""
+    """Yield the charts of the page: success by arm, the share of gaps that balancing removes, and failure by dose."""
     groups = []
     tasks = list(dict.fromkeys(a.task for a in found.arms if not a.lever))
     for task in tasks:

@@ -27,7 +27,10 @@ OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
 """Fields of the training recipe that the study sets itself."""
 MOST_LEARNERS = 1000
 MOST_TRIALS = 200_000
-"""Maximum number of trials for all learners with the same seed. They are planned before the first trial is run."""
+"""Maximum number of trials for all learners with the same seed.
+
+All of these trials are planned before the first trial is run.
+"""
 _SUM_SLACK = 1e-6
 
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
@@ -41,8 +44,9 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""Fractions of the training distributions that define each role in the findings. An arm with these fractions has the
-role, whatever its name is.
+"""Fractions of the training distributions that define each role in the findings.
+
+Every arm with these fractions has the role. Its name does not matter.
 """
 USUAL_ARMS = ("confounded", "balanced", "covered")
 """Default arms of a plan. All tasks of the suite support them."""
@@ -200,7 +204,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError if a recipe change cannot be compared with the one named by its field ``against``."""
+        """Raise InvalidInputError if a recipe change cannot be compared with the change named in ``against``."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -251,7 +255,7 @@ class StudyPlan:
                 )
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return how many demonstrations per training condition an arm takes from each training distribution.
+        """Return the number of demonstrations per training condition that an arm takes from each training distribution.
 
         The numbers add up to ``demos``. Each training distribution of the arm provides at least one demonstration, and
         the numbers are as close to the planned fractions as possible.

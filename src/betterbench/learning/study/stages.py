@@ -1,8 +1,8 @@
 """Stages of a study, in this order: demonstration sets, question sets, training and evaluation of the learners.
 
 ``OUT/stages/NAME.json`` marks a complete stage. It contains the outputs of the stage, a hash of its inputs, and a
-checksum. Finished work is never repeated. An interrupted stage is resumed, and its files are the same as without the
-interruption. Before a stage uses the output of another stage, the output is verified against this file.
+checksum. Finished work is never repeated. An interrupted stage is resumed, and the interruption does not change the
+resulting files. Before a stage uses the output of another stage, the output is verified against this file.
 """
 
 from __future__ import annotations
@@ -268,7 +268,10 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the learners to train next, with their inputs. Their number is limited by the number of threads."""
+        """Return the learners to train next, with their inputs.
+
+        The number of learners is limited by the number of threads.
+        """
         group: list[_Learning] = []
         threads = 0
         for learner in learners:

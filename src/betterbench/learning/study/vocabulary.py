@@ -1,8 +1,8 @@
 """Words, object categories and colors of a variation that a learner has never seen in training.
 
 A learner maps all unknown words, categories and colors to the same index. If a variation contains such unknown entries,
-a failure shows missing knowledge rather than a shortcut. The results on variations without unknown entries are
-therefore also reported separately.
+a failure shows missing knowledge rather than a shortcut. For this reason, there are separate results for the variations
+without unknown entries.
 """
 
 from __future__ import annotations

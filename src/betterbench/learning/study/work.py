@@ -96,7 +96,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
     def trained(jobs: Sequence[TrainingJob], tell: OnWork) -> tuple[TrainedPolicy, ...]:
         return train_learners(jobs, device, tell, workers=workers)
 
-    # On a GPU, learners that are trained in parallel would only take turns.
+    # On a GPU, learners would not run in parallel but take turns.
     threads = workers if device == "cpu" else 1
     return Workshop(make_set, require_questions, asked, trained, evaluated, threads, _require_set)
 

@@ -1,7 +1,7 @@
 """Adapter for asking a co-trained learner about recorded frames with ``better vlm``.
 
 A co-trained learner is a policy that was also trained to answer questions. It must belong to the family ``objects``.
-Instead of the image that a question is about, it receives the recorded state of that frame (see
+Instead of the image that a question is about, the learner receives the recorded state of that frame (see
 :mod:`betterbench.learning.training.own_answers`). The learner's answer is the most likely of the answers that the
 question allows.
 """

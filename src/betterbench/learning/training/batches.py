@@ -143,7 +143,7 @@ class Batches:
 
 def _stream(seed: int, step: int, what: int) -> np.random.Generator:
     """Return a random generator for one purpose and one training step. It is independent of all other generators."""
-    # With the step in the counter of a Philox generator, the streams of earlier steps need not be computed.
+    # With the step in the counter of a Philox generator, the streams of earlier steps do not have to be computed.
     return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, what, step]))
 
 

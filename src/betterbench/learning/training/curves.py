@@ -1,4 +1,7 @@
-"""Logs of a training run: tables as CSV, and curves as SVG. Interrupting the run does not change the CSV files."""
+"""Logs of a training run: tables as CSV, and curves as SVG.
+
+If a run is interrupted and resumed, the final CSV files are the same as without the interruption.
+"""
 
 from __future__ import annotations
 

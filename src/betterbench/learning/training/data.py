@@ -34,7 +34,10 @@ PHASES = ("move", "pick", "carry", "place", "slide", "miss")
 """Phases of a demonstration, which are defined by the activity of the gripper."""
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
-"""A demonstrator is pausing while tool and fingers move by less than this distance [m] and angle [rad] per step."""
+"""Motion per control step below which the demonstrator counts as pausing [m, rad].
+
+It applies to the tool and the fingers.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +64,7 @@ class TrainingSet:
         shown: (F,) bool mask of the frames that are used as observations; other frames only occur in action chunks.
             None if all frames are used.
         frames_of: Images of the frames in ``shown``, in order. None for the family ``objects``.
-        questions: Questions about the demonstrations; None without co-training.
+        questions: Questions about the demonstrations; None if there is no co-training.
     """
 
     vocabulary: Vocabulary

@@ -39,7 +39,7 @@ from betterbench.records import Record, RunFolder
 from betterbench.records.compressed import pack_block, unpack_block
 
 FRAMES_VERSION = 1
-"""Version of the frame files and of how records are rendered."""
+"""Version of the frame files. It also changes when records are rendered differently."""
 SUFFIX = ".frames"
 """Suffix of the folder with frame files, after the name of the demonstration folder."""
 

@@ -63,7 +63,10 @@ _CURES = {
     "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedy for each setting, other than recipe and data, that has changed when a training run is resumed."""
+"""Remedies to suggest if a setting has changed when a training run is resumed, by setting.
+
+Recipe and data are not included.
+"""
 _PATIENCE = timedelta(hours=6)
 """Maximum time that the other processes wait for the first process while it validates and writes files."""
 
@@ -249,7 +252,7 @@ class _Training:
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
-        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm keeps its statistics
+        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm layer keeps its statistics
             if isinstance(module := getattr(self._network, part, None), nn.Module):
                 module.eval()
         shown, actions, counted = self._batches.sample(
@@ -314,7 +317,7 @@ class _Training:
     def _follow(self) -> None:
         """Update the moving average of the weights.
 
-        In the first steps it adapts faster, since it starts from random weights.
+        In the first steps, the average follows the weights faster, because it starts from random weights.
 
         Buffers of a user's learner, such as those of a batch norm, are copied instead of averaged.
         """

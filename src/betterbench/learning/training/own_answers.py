@@ -1,8 +1,8 @@
 """Answers of a co-trained learner about the position of the instructed object in its own trials.
 
 A co-trained learner is a policy that was also trained to answer questions. It may know where an object is and still
-reach elsewhere. To find out, it is asked about the recorded states of its own trials, and receives the same inputs as
-when it acted. Answers are cells of the image, see :mod:`betterbench.learning.training.questions`.
+reach elsewhere. To find out, it is asked about the recorded states of its own trials, and receives the same inputs that
+it received when it acted. Answers are cells of the image, see :mod:`betterbench.learning.training.questions`.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def learned_class(question: Question) -> str:
 def option_class(option: str, width: int) -> str:
     """Return the answer class of an option.
 
-    It is the cell of a box if the option is a box, and otherwise the option's text.
+    The class of a box is its cell. The class of any other option is the option's text.
 
     Args:
         option: Text of the option.

@@ -21,7 +21,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class FileProblem:
-    """Problem of one file in a modality folder.
+    """Problem with one file in a modality folder.
 
     Attributes:
         path: Path of the file, or the path at which it is expected.
@@ -42,8 +42,8 @@ class FolderCheck:
         wanted: Settings of the folder.
         files: Number of files that were checked.
         rows: Number of rows in the intact files.
-        of_run: Number of files that were made from records of the run, even if they have other faults.
-        strangers: Trials in readable files that do not belong to the run, each with its policy.
+        of_run: Number of files that were rendered from records of the run, including files with problems.
+        strangers: Trials that readable files name but the run does not contain, each with its policy.
         problems: Problems that were found.
     """
 

@@ -11,7 +11,7 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 from betterbench.tasks import TrialId
 
 _MOST = 120
-"""Maximum number of characters that a message quotes from a header, because the file may be untrusted."""
+"""Maximum number of characters that a message quotes from a header. Untrusted files may contain very long texts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,8 @@ class ExpectedFile:
     Attributes:
         record_sha256: SHA-256 of the trial's record file.
         quality: Render preset of the color images, or None if it is unknown.
-        renderer: Properties of OpenGL when the files of the folder were rendered, or None before the first image.
+        renderer: Properties of the OpenGL implementation that rendered the files of the folder, or None before the
+            first image.
     """
 
     trial: TrialId

@@ -12,8 +12,8 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
     The result is a (height, width, 2) float16 array. The depth gives the position of the point. The point moves with
     the body that is visible in its pixel. It is then projected into the camera of the next state, even if it is
-    occluded there. The sky is treated as infinitely far away. The flow is NaN in the last state, where ``following`` is
-    None, and wherever the point moves behind the camera.
+    occluded there. The sky is treated as infinitely far away. The flow is NaN for the last state, for which
+    ``following`` is None, and for points that move behind the camera.
 
     Args:
         sight: Rendered view of one state, of the type :func:`betterbench.sim.scenes.sights.sight_type` with depth and
@@ -45,7 +45,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | None:
     """Return the matrix (3, 4) that maps points of a body from camera coordinates in one state to those in the next.
 
-    The result is None if the body does not exist.
+    The body -1 is the sky. The result is None if the model does not have the body.
     """
     here, there = matrices(np.stack([sight["camera"], following["camera"]]))
     step = np.linalg.inv(there)

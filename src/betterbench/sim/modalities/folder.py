@@ -32,7 +32,7 @@ from betterbench.sim.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_VERSION: Literal[2] = 2
-"""Version of the settings format. Since version 2, the settings are sealed."""
+"""Version of the settings format. Since version 2, the settings contain a checksum."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -55,7 +55,7 @@ class Wanted:
     format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
-        """Reject settings that cannot be rendered."""
+        """Reject views, cameras and presets that do not exist."""
         require_views(self.views)
         require_cameras(v.camera for v in self.views if v.placed is None)
         if self.quality is not None:
@@ -68,7 +68,7 @@ _WANTED = TypeAdapter(Wanted)
 class ModalityFolder:
     """Folder of modality files. Writing can be resumed with the same settings.
 
-    Once it contains a file, different settings are rejected.
+    Once the folder contains a modality file, different settings are rejected.
 
     Raises:
         RunConflictError: If the folder contains other modalities or unrelated files.
@@ -84,7 +84,8 @@ class ModalityFolder:
                 require_same_settings(self.path, stored, wanted)
                 self.wanted = stored
             elif stored != wanted:
-                # Without files, the settings may change, because a command may have ended before its first image.
+                # While the folder contains no files, its settings may still change. An earlier command may have ended
+                # before its first image.
                 write_durably(settings, _text(wanted))
         else:
             require_free_place(self.path)

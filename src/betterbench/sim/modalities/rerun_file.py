@@ -28,7 +28,10 @@ _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
 _PNG_LEVEL = 4
 _DEPTH_PER_M = 1000.0
-"""Number of depth units per meter in the file. With 32-bit depth, depth images would take up nine tenths of a file."""
+"""Number of depth units per meter in the file.
+
+Depths are stored with 16 bits, because 32-bit depths would take up nine tenths of a file.
+"""
 
 _APPLICATION = "betterbench"
 _HEAD_BYTES = 4096
@@ -57,7 +60,8 @@ def write_rerun(
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
     lanes = lanes_of(record)
     with DurableFile(path) as durable, _disconnected(stream):
-        # If Rerun wrote the file itself, it would be truncated silently when the disk is full.
+        # Rerun only collects the data in memory. If it wrote the file itself, a full disk would truncate the file
+        # silently.
         kept = stream.memory_recording()
         stream.send_blueprint(_layout(blueprint, views), make_active=False, make_default=True)
         for shown in shown_rows(run, record, views, quality=quality):

@@ -98,7 +98,7 @@ def materialize_run(
     """
     began, tally = time.monotonic(), _Tally()
     finished: set[TrialId] = set()
-    list(recorded_trials(run, trials))  # reject a missing trial before making a folder
+    list(recorded_trials(run, trials))  # raise for missing trials before creating a folder
     require_free_place(out)
     with job_folder(out.absolute()):
         writer = _Writer(run, ModalityFolder(out, wanted), tally)
@@ -107,7 +107,7 @@ def materialize_run(
             return in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run))
 
         while True:
-            running = follow and run.is_running  # checked before reading the journal, so that no trial is missed
+            running = follow and run.is_running  # before reading the journal, because the run may end in between
             known = list(recorded_trials(run, trials))
             fresh = run_items(
                 known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
@@ -124,7 +124,7 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the recorded trials in the order of the journal, or only the requested ones.
+    """Yield the recorded trials, or only the requested trials, in the order of the journal.
 
     Raises RecordError if a requested trial is not recorded.
     """
@@ -171,7 +171,7 @@ class _Views:
 
 
 class _Writer:
-    """Writer of the modality files of trials. Several threads use it."""
+    """Writer of the modality files of trials. It is shared by several threads."""
 
     def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
@@ -207,7 +207,7 @@ class _Writer:
         """Return whether the file for a view of a trial exists, belongs to this record, and is intact.
 
         The whole file is read, because an intact header does not mean that the rows are intact. This takes about 2 % of
-        the time for rendering it.
+        the time that rendering takes.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -244,7 +244,7 @@ class _Writer:
                     for sights, time_s in zip(taken, times, strict=True):
                         files.add(sights, time_s)
             except BaseException:
-                limited.close()  # the process is still sending an answer
+                limited.close()  # the process may still be sending rows, so it cannot be reused
                 raise
             return files.finish(origin)
 

@@ -51,7 +51,7 @@ class ViewValues:
 
     def _boxes(self, sight: np.ndarray) -> dict[str, np.ndarray]:
         poses = sight["poses"][self._facts.object_bodies]
-        # Two quaternions describe the same rotation. The product chooses the one with w >= 0.
+        # q and -q describe the same rotation. ``products`` returns the quaternion with w >= 0.
         turned = products(poses[:, 3:], _STANDING)
         boxes = np.concatenate([points_of(poses, self._facts.boxes[:, 0]), turned], axis=1)
         seen = in_frame(boxes, sight["camera"])

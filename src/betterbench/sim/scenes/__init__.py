@@ -1,7 +1,7 @@
 """Scenes: assets, robot and furniture, combined in one compiled MuJoCo model.
 
-- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: build a model from a condition and a
-  seed.
+- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: code that builds a model from a
+  condition and a seed.
 - ``scene``, ``contacts``, ``clearance``: the state of a scene, its reset and step, its contacts, and collision checks
   for planners.
 - ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images of a scene and
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.stage import quality_preset
     from betterbench.sim.scenes.stored import StoredView, load_model
 
-require_engine()  # MuJoCo reads these variables when it is imported, and its own error would not name a remedy
+require_engine()  # checked before MuJoCo reads these variables at import, because MuJoCo's own error names no remedy
 
 __all__ = [
     "CONTROL_RATE_HZ",

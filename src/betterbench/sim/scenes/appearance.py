@@ -33,30 +33,30 @@ UNSEEN_LOOK_SETS = 12
 """Number of held-out sets per task. It is a multiple of the four held-out variants and of the three held-out rooms."""
 
 CAMERA_SHIFT_M = 0.01
-"""Largest camera shift by the jitter, along each axis of the camera in either direction [m]."""
+"""Maximum distance by which the jitter shifts a camera along each of its axes, in either direction [m]."""
 
 CAMERA_TURN_RAD = math.radians(1.0)
-"""Largest camera rotation by the jitter, about each axis of the camera in either direction [rad]."""
+"""Maximum angle by which the jitter rotates a camera about each of its axes, in either direction [rad]."""
 
 LIGHT_TURN_RAD = math.radians(4.0)
-"""Largest rotation of the key light by the jitter, about each world axis in either direction [rad]."""
+"""Maximum angle by which the jitter rotates the key light about each world axis, in either direction [rad]."""
 
 NO_VIEW_JITTER = ViewJitter({}, (0.0, 0.0, 0.0))
 """Jitter that leaves the cameras and the key light in their nominal poses."""
 
 START_SHIFT_M = 0.02
-"""Largest shift of the end effector at the start, along each world axis in either direction [m]."""
+"""Maximum distance of the end effector from its home position at the start, along each world axis [m]."""
 
 START_TURN_RAD = math.radians(5.0)
-"""Largest rotation of the end effector at the start, about the tool axis in either direction [rad]."""
+"""Maximum rotation of the end effector from its home pose at the start, about the tool axis [rad]."""
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
     """Return the index of the variant that an object has in a trial.
 
-    Objects of the same asset have the same variant in a trial, whatever the scene. Over all sets of variants, every
-    variant of an object kind occurs equally often, whatever the variants of other kinds and the room are. Categories of
-    the same family and color, such as a cabinet and its drawers, have the same variant.
+    In a trial, objects with the same asset have the same variant. The variant does not depend on the scene. Over all
+    sets of variants, each variant of an object kind occurs equally often, independently of the other kinds and the
+    room. Categories of the same family and color, such as a cabinet and its drawers, have the same variant.
     """
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
     return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
@@ -81,7 +81,7 @@ def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
     """Return the index, from 0 to ``count - 1``, that a trial has drawn for one kind of object or for the room.
 
-    Successive sets of variants take the choices in a shuffled order, which is different for each kind.
+    Successive sets of variants go through the possible indices in a shuffled order, which is different for each kind.
     """
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)

@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed: assets are chosen and placed, and geoms are labeled."""
+"""Compilation of a scene from a condition and a seed. Assets are chosen and placed, and geoms are labeled."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """Compiled model and the meaning of its parts. All scenes with the same assets share this value.
+    """Compiled model, with the bodies, joint addresses and geoms that belong to each object.
+
+    Scenes with the same assets share it.
 
     Attributes:
         content_hash: Hash of everything that the model is compiled from (hex, 16 characters).
@@ -92,7 +94,7 @@ def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
 
 
 def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks = "seen") -> tuple[Placement, ...]:
-    """Return all objects of a condition with their assets and poses. The order does not depend on their names."""
+    """Return all objects of a condition with their assets and poses. Their order does not depend on names."""
     chosen = {
         o.name: build(o.category, look=look_of(task.id, seed, o, shown=shown), color=o.color) for o in condition.objects
     }
@@ -196,12 +198,11 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
 
 
 def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping[str, Asset]) -> dict[str, Pose]:
-    """Return poses for objects that are pre-placed in the same place.
+    """Return poses for objects that share a target region at the start, such as two objects in one container.
 
-    All objects in the same place get their poses from the same demonstration.
-
-    The poses are ``T_middle_object``. They are drawn from demonstrations with the same assets, because objects in a
-    container lean on each other. Objects without such a demonstration are left out.
+    The poses are ``T_middle_object``, i.e. relative to the center of the target region. All objects in a region get
+    their poses from one demonstration with the same assets, because objects in a container lean on each other. If there
+    is no such demonstration, the objects of the region are left out.
     """
     places: dict[TargetRegion, list[str]] = {}
     for name, place in condition.preplaced.items():
@@ -210,7 +211,7 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
     for place, names in places.items():
         if len(names) < 2:
             continue
-        # Among equal objects, the names only determine which object gets which pose.
+        # If objects are of the same kind, their names only determine which object gets which pose.
         names.sort(key=lambda n: (condition.object(n).kind, n))
         objects = [(condition.object(n).kind, chosen[n].identity) for n in names]
         on, relation = chosen[place.target].identity, task.template.relation
@@ -226,10 +227,10 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This is needed if no demonstration left the same assets together (see :func:`_drawn_together`), because the two
-    poses then come from different demonstrations. Both objects keep their heading. They are moved along the line
-    through their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are
-    not moved.
+    This is necessary if no demonstration ended with the same assets in the container (see :func:`_drawn_together`),
+    because the two poses then come from different demonstrations. Both objects keep their heading. They are moved along
+    the line through their centers, to opposite sides of the container's center. Layers of a stack are separate regions
+    and are not moved.
     """
     for first, second in itertools.combinations(flats, 2):
         if condition.preplaced[first] != condition.preplaced[second]:
@@ -247,7 +248,7 @@ def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mappin
 
 
 def _reach_mm(asset: Asset, angle: float) -> float:
-    """Return the distance [mm] from an object's center to its outline (an ellipse), in a direction of its frame."""
+    """Return the distance [mm] from an object's center to its elliptical outline, at an angle [rad] in its frame."""
     x, y, _ = asset.size_m
     return 500.0 * math.hypot(x * math.cos(angle), y * math.sin(angle))
 

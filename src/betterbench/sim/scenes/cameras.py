@@ -1,4 +1,4 @@
-"""Camera poses and projections: the cameras of a model as pinhole cameras in OpenCV's conventions."""
+"""Camera poses and projections. The cameras of a model are converted to pinhole cameras in OpenCV's conventions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points (n, 3) [m] of the world frame into the image. Raises InvalidInputError for any other shape.
+        """Project points (n, 3) [m] of the world frame into the image.
+
+        Raises InvalidInputError if the points have another shape.
 
         Returns:
             The pixels (u, v) as an (n, 2) float64 array, which may lie outside the image, and the depths along the
@@ -78,8 +80,8 @@ class ViewPlacement:
         """Store the poses after applying the jitter. Jitter of cameras that the model does not have is ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
-        # Camera poses in the frames of their bodies. The engine does not update the cameras of static bodies at every
-        # step, so the jitter is never added to values in the data.
+        # Camera poses in the frames of their bodies. The jitter is never added to the camera poses in ``data``, because
+        # the engine does not update cameras on static bodies at every step.
         self._positions = np.zeros((model.ncam, 3, 1))
         self._axes = np.zeros((model.ncam, 3, 3))
         for number in range(model.ncam):

@@ -44,7 +44,7 @@ class Clearance:
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
         # Check only the robot and the held object, each against everything except the robot. Contacts among the other
-        # objects and among robot parts are not needed, and computing them would take a third of the time.
+        # objects and among robot parts are not needed. Computing them would take a third of the time.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0
@@ -75,7 +75,7 @@ class Clearance:
     def _let_look(self, i: int, *, looks: bool) -> None:
         """Set whether a labeled body is checked against all other bodies.
 
-        If it is not, contacts with it are still found when other bodies are checked.
+        An unchecked body can still be found in contact with a body that is checked.
         """
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
@@ -114,7 +114,7 @@ class Clearance:
         mujoco.mj_collision(self._model, data)
         found = self._folded() if self.keeps_apart else set()
         if not data.ncon:
-            return tuple(sorted(found))  # the usual case on a path
+            return tuple(sorted(found))  # on a planned path, most configurations have no contacts
         pairs = self._compiled.geom_labels[data.contact.geom].tolist()
         for (a, b), depth in zip(pairs, data.contact.dist.tolist(), strict=True):
             if a < 0 or b < 0 or a == b:

@@ -34,7 +34,9 @@ Groups = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class _Row(NamedTuple):
-    """Contacts that were read, without forces. They are reused as long as the same pairs of bodies are in contact.
+    """Contacts from the last reading, without their forces.
+
+    They are reused as long as the same pairs of bodies are in contact.
 
     Attributes:
         groups: Pairs of bodies that the engine lists.
@@ -62,8 +64,9 @@ class ContactReader:
     awake.
 
     Names and addresses of the last reading are reused while the engine lists the same contact points. This reduces the
-    CPU time of a reading from 192 to 48 µs in the task fast_food, and from 308 to 62 µs in breakfast_table. These are
-    means over the control steps of an expert's episode, from alternating measurements on a busy machine (2026-11-28).
+    CPU time of a reading from 192 to 48 µs in the task fast_food, and from 308 to 62 µs in breakfast_table. The times
+    are means over the control steps of an expert's episode. Both versions were measured alternately on a busy machine
+    (2026-11-28).
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
@@ -102,8 +105,8 @@ class ContactReader:
     def see_step(self, data: mujoco.MjData) -> None:
         """Remember the robot's contacts at a physics step between two readings.
 
-        The next reading includes these contacts with their largest force. Otherwise, a graze that begins and ends
-        between two readings would be missed.
+        The next reading includes these contacts with their largest force. Without this method, a brief contact that
+        begins and ends between two readings would be missed.
         """
         if data.ncon == 0:
             return
@@ -128,7 +131,7 @@ class ContactReader:
             self._keep(data, positions)
             kept = self._kept
         row = self._row
-        if groups is not row.groups or kept is not row.kept:  # rare: contacts of a held object last long
+        if groups is not row.groups or kept is not row.kept:  # rare: contacts last for many steps
             row = self._row = self._new_row(groups, kept)
         contacts = row.contacts
         if row.awake:
@@ -152,7 +155,7 @@ class ContactReader:
         self._awake = copy.copy(snapshot["_awake"])
 
     def _touching(self, data: mujoco.MjData) -> dict[int, float]:
-        """Return the sum of the normal forces [N] of each pair that the engine lists, by the index of the pair."""
+        """Return the sum of the normal forces [N] for each pair of bodies in contact, by the index of the pair."""
         forces = data.efc_force.data
         return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
@@ -207,7 +210,7 @@ class ContactReader:
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Compute the contacts of the sleeping objects, unless they already slept at the same positions before."""
+        """Compute the contacts of the sleeping objects, unless they were already asleep at the same positions."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:

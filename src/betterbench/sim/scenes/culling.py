@@ -79,8 +79,8 @@ class Culling:
                 or cos_y * abs(yx * x + yy * y + yz * z) + sin_y * behind > reach
             ):
                 if geom.objid != number:
-                    # The scene has as many geoms as for the last image, but different ones. The stored indices are
-                    # therefore invalid.
+                    # The number of geoms is the same as for the last image, but the geoms differ. The stored indices
+                    # are therefore invalid.
                     self._learn()
                     self._hide(data, axes, position, across, up)
                     return

@@ -32,10 +32,13 @@ GRIPPER_PX = 60.0
 """Minimum number of pixels of the hand and the fingers in an image of 256 x 256 pixels."""
 
 MARGIN_M = 0.008
-"""Minimum distance of slots and target regions from the edge of the image, measured at their depth [m]."""
+"""Minimum distance between the edge of the image and slots or target regions, measured at their depth [m]."""
 
 SIDE_PX = 24.0
-"""Minimum longer side of an object that the instruction names, in an image of 256 x 256 pixels [pixel]."""
+"""Minimum length of the longer side of an object's bounding box, for objects that the instruction names [pixel].
+
+The image has 256 x 256 pixels.
+"""
 
 VISIBLE = 0.6
 """Minimum fraction of a named object that must be visible, i.e. neither hidden nor cut off by the image's edge."""
@@ -80,7 +83,7 @@ class Framing:
 
 
 class FramingView:
-    """Measures the framing in images of a scene, without changing the scene."""
+    """Renderer that measures the framing in images of a scene, without changing the scene."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the model of the scene, and create a renderer for the copy."""
@@ -240,7 +243,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
         stays = step.target not in moved
         if instruction.ordered:
             moved.update(scene.condition.resolve(step.reference))
-        # Closing a drawer has no target region of its own: the region in the drawer is the target of another step.
+        # A step that closes a drawer is skipped: the region in the drawer is the target of another step.
         if step.region in MOUNTS or not stays:
             continue
         target = placed[step.target]

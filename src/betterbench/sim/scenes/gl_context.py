@@ -140,7 +140,7 @@ def _create_context() -> _GLContext:
 
 _VENDOR, _RENDERER, _VERSION, _EXTENSIONS, _NUM_EXTENSIONS = 0x1F00, 0x1F01, 0x1F02, 0x1F03, 0x821D
 _PACK_INVERT_MESA = 0x8758
-"""Setting of the OpenGL extension MESA_pack_invert, with which pixels are read starting with the top row."""
+"""Setting of the OpenGL extension MESA_pack_invert that makes OpenGL read pixels starting with the top row."""
 
 
 def _gl_function(name: str, result: type[ctypes.c_char_p] | None, *arguments: object) -> Callable[..., bytes | None]:
@@ -155,8 +155,8 @@ def _gl_function(name: str, result: type[ctypes.c_char_p] | None, *arguments: ob
 def read_from_top(*, wanted: bool) -> bool:
     """Try to make OpenGL read pixels starting with the top row, and return whether this works.
 
-    If it works, images need not be flipped. Mesa supports it. Other OpenGL libraries always read from the bottom row,
-    and images are flipped afterward.
+    If it works, images do not have to be flipped. Mesa supports this. Other OpenGL libraries always read from the
+    bottom row, so images are flipped afterward.
     """
     count = ctypes.c_int()
     _gl_function("glGetIntegerv", None, ctypes.c_uint, ctypes.c_void_p)(_NUM_EXTENSIONS, ctypes.byref(count))

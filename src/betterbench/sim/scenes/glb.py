@@ -16,7 +16,10 @@ from PIL import Image
 FLOOR_HALF_M = 2.5
 """Half the side of the square that represents an infinite floor [m]."""
 ROUGHNESS = 0.75
-"""Roughness of all surfaces, from 0 (mirror) to 1 (chalk). It looks like the matt plastic and wood of the stage."""
+"""Roughness of all surfaces, from 0 (mirror) to 1 (chalk).
+
+With this value, surfaces look like the matte plastic and wood of the stage.
+"""
 
 _VISIBLE_GROUPS = 2
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)

@@ -63,7 +63,7 @@ class GripperBench:
             step: Function that executes one physics step.
             rest: Pose ``T_world_object`` of the asset at rest.
             grasp: The grasp to try.
-            approach_m: Distance from the grasp at which the gripper starts, against its approach direction [m].
+            approach_m: Distance between the start of the gripper and the grasp, opposite to the approach direction [m].
             lowest_m: Minimum height of the tool center point at the grasp [m].
         """
         self._model, self._data, self._step = model, data, step

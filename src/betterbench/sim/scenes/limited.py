@@ -6,7 +6,7 @@ only pixels or strings back, never Python objects.
 
 A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. Therefore,
 if a process ends during a request, the request is repeated once in a new process. The scene is rejected only if the new
-process ends as well.
+process also ends.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ REQUEST_CPU_S = 60.0
 REQUEST_S = 900.0
 """Maximum wall-clock time for opening a scene or rendering an image [s], including the start of the process.
 
-It is much longer than the CPU time because the machine may be busy.
+It is much longer than the maximum CPU time, because the machine may be busy.
 """
 
 _JITTER = TypeAdapter(ViewJitter)

@@ -1,4 +1,4 @@
-"""Assets in MuJoCo: how to add an asset to a model, and how to compute its resting pose on a flat surface."""
+"""Assets in MuJoCo: functions that add an asset to a model and compute its resting pose on a flat surface."""
 
 from __future__ import annotations
 

@@ -68,8 +68,8 @@ class Renderer:
 
     Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms. The first renderer of a
     process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is used.
-    Poses, colors and materials may change between images, but meshes and textures may not. The quality preset overrides
-    the visual settings that are stored in the model.
+    Poses, colors and materials may change between images, but meshes and textures must not change. The quality preset
+    overrides the visual settings that are stored in the model.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.
@@ -106,7 +106,7 @@ class Renderer:
         self._near_m, self._far_m = float(model.vis.map.znear) * extent, float(model.vis.map.zfar) * extent
         self._pixels: dict[tuple[int, int], tuple[mujoco.MjrRect, np.ndarray, np.ndarray]] = {}
         self._bound = False
-        self._geometry: bool | None = None  # whether the geometry pass is set up, or None for neither pass
+        self._geometry: bool | None = None  # True if the geometry pass is set up, False if the color pass is, else None
         RENDERERS.add(self)
 
     def __enter__(self) -> Self:

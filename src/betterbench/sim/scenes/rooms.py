@@ -19,7 +19,7 @@ class Light:
     """Light of a room: two directional lights and a uniform ambient light.
 
     Attributes:
-        key_direction: Direction of the key light, which casts the shadow. The vector need not be normalized.
+        key_direction: Direction of the key light, which casts the shadow. The vector does not have to be normalized.
         key: Color (r, g, b) of the key light, each component in [0, 1].
         ambient: Color of the uniform ambient light.
         fill: Brightness of the fill light, which comes from the other side and casts no shadow.

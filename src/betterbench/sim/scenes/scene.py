@@ -102,7 +102,7 @@ class Scene:
     ) -> None:
         """Build, compile and reset the scene.
 
-        By default, the robot is the one that the task was designed for. If ``steady_views`` is True, the cameras and
+        By default, the robot is the robot that the task was designed for. If ``steady_views`` is True, the cameras and
         the light are in their nominal poses, like a real camera that is not moved between trials. A control step must
         consist of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded accordingly.
         """
@@ -208,7 +208,7 @@ class Scene:
         read.
         """
         self._tool = None  # the caller may move the arm in the data
-        if not self._views_are_placed:  # skipped for steps without images
+        if not self._views_are_placed:  # not computed for steps without images
             self._views.apply(self._data)
             self._views_are_placed = True
         return self._data
@@ -384,7 +384,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point, as of the last reset or step."""
+        """Return the measured pose of the tool center point after the last reset or step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))

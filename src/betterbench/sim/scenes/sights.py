@@ -96,7 +96,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Region of an image around an object, with the lowest height and the largest depth of the object [m]."""
+    """Image region around an object, with the height of the object's lowest point and its largest depth [m]."""
 
     rect: Box
     low_m: float
@@ -129,7 +129,7 @@ class Sights:
         self._outlines: list[dict[int, tuple[bytes, tuple[int, Box]]]] = [{} for _ in self.views]
         instances = instances_of_bodies(model)
         self._gripper = np.flatnonzero(np.isin(instances, GRIPPER_INSTANCES)).tolist() if gripper else []
-        self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # by body id plus one, as in masks
+        self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # index: body id plus one
         self._movable = np.concatenate([[False], instances > _LAST_FURNITURE])
         self._slot = int(np.argmin(model.cam_bodyid))  # a camera of the world
         self._renderer = Renderer(

@@ -42,10 +42,10 @@ FLOOR_HEIGHT_M = -0.75
 """Height of the floor in the world frame [m]. Desks are 0.72 to 0.76 m high (working heights of ISO 9241-5)."""
 
 TABLE_X_M = (-0.20, 0.95)
-"""Extent of the table top along x [m]."""
+"""Smallest and largest x coordinate of the table top [m]."""
 
 TABLE_Y_M = (-0.6, 0.6)
-"""Extent of the table top along y [m]."""
+"""Smallest and largest y coordinate of the table top [m]."""
 
 TABLE_THICKNESS_M = 0.04
 """Thickness of the table top [m]."""
@@ -57,7 +57,7 @@ WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
 
 FRONT_CAMERA = CameraMount((1.45, 0.0, 0.95), (0.49, 0.0, 0.095), (0.0, 0.0, 1.0), 27.5)
-"""Front camera of the stage. A robot may replace it with its own."""
+"""Front camera of the stage. A robot may replace it with its own front camera."""
 
 KEY_LIGHT = "key"
 """Name of the only light that may cast a shadow."""
@@ -280,7 +280,7 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
-    """Add a key light, which is the only one that may cast a shadow, and a fill light from the other side."""
+    """Add a key light, which may cast a shadow, and a fill light from the other side, which casts none."""
     aim = np.array([0.45, 0.0, 0.1])
     for name, direction, diffuse, specular in (
         (KEY_LIGHT, light.key_direction, list(light.key), 0.3),

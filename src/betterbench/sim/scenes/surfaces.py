@@ -133,4 +133,4 @@ SURFACES: Mapping[str, Painter] = {
     "tiles": _tiles,
     "checks": _checks,
 }
-"""Painters by the name of their surface."""
+"""Painters of the surfaces, by the name of the surface."""

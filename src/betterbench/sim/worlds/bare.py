@@ -80,7 +80,10 @@ class BareScene(ABC):
 
     @abstractmethod
     def move(self, action: np.ndarray) -> None:
-        """Move the hand and the objects by one action, which lies within the bounds of the action space."""
+        """Move the hand and the objects as an action requests.
+
+        The action lies within the bounds of the action space.
+        """
 
     @abstractmethod
     def relations(self) -> Mapping[str, bool]:

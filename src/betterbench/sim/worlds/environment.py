@@ -1,4 +1,4 @@
-"""Environment variables for a simulator's process, without those variables of the user that would affect the simulator.
+"""Environment variables for a simulator's process. Variables of the user that would affect the simulator are left out.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the index of an EGL device and asserts that it contains
 ``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, these two
@@ -43,5 +43,6 @@ def simulator_environment() -> dict[str, str]:
     # robosuite renders only with EGL or OSMesa, independently of our own renderer
     backend = "osmesa" if gl_backend() == "osmesa" else "egl"
     devices = next_device_variables() if backend == "egl" else {}
-    # Some libraries read the home directory when they are imported. That fails for a user without a name.
+    # Some libraries read the home directory when they are imported. This fails if the system has no name for the user's
+    # id.
     return {"HOME": _NO_HOME, **kept, **_OWN, "MUJOCO_GL": backend, **devices}

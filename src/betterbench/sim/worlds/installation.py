@@ -1,4 +1,4 @@
-"""Installation of a simulator into an environment of its own, and the program that its process runs."""
+"""Installation of a simulator in its own Python environment, and the program that its process runs."""
 
 from __future__ import annotations
 
@@ -90,7 +90,10 @@ class Installation:
 
     @property
     def is_installed(self) -> bool:
-        """Whether this environment is complete, and also the environment of the other world if its Python is used."""
+        """Whether this environment is complete.
+
+        If another world's Python is used, the environment of that world must be complete too.
+        """
         return (self.folder / _COMPLETE).exists() and (self.beside is None or self.beside.is_installed)
 
     def command(self) -> tuple[str, ...]:
@@ -167,7 +170,10 @@ class Installation:
         (target / _COMPLETE).touch()
 
     def _run(self, command: list[str], lock: int) -> None:
-        """Run one step of the installation. If this process is killed, the step goes on and still holds the lock."""
+        """Run one step of the installation.
+
+        If the calling process is killed, the step continues and still holds the lock.
+        """
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
                 command,

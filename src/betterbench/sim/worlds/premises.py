@@ -31,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Sideways motion of an object while settling [m] above which it is reported as a jump."""
+"""Sideways motion while settling above which an object is reported as having jumped [m]."""
 
 
 _MOST_LINE = 1 << 20

@@ -19,16 +19,16 @@ from betterbench.jobs.frames import FrameContent, FrameError
 from betterbench.sim.worlds.environment import simulator_environment
 
 START_LIMIT_S = 300.0
-"""Maximum wait until a process has loaded, built its environment and executed the settling steps [s].
+"""Maximum time until a process has loaded, built its environment and executed the settling steps [s].
 
 LIBERO takes 10 s, or a minute under load.
 """
 
 PREMISES_LIMIT_S = 1800.0
-"""Maximum wait until all initial states of a task have settled [s]. LIBERO's 50 states take half a minute."""
+"""Maximum time until all initial states of a task have settled [s]. LIBERO's 50 states take half a minute."""
 
 STEP_LIMIT_S = 120.0
-"""Maximum wait for one control step [s]. LIBERO takes 0.15 to 0.5 s without a graphics card."""
+"""Maximum time for one control step [s]. LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
@@ -209,7 +209,7 @@ class WorldProcesses:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next
         self._next = None
-        with contextlib.suppress(WorldError):  # the trial that needs the process tries again and reports the error
+        with contextlib.suppress(WorldError):  # the next trial tries again, and reports the error if it occurs again
             self._next = WorldProcess(self._command)
         return process
 

@@ -37,7 +37,7 @@ def register_world(world: AnyWorld) -> AnyWorld:
 
     Raises:
         InvalidInputError: If the name of the world or of one of its suites is already used, or if the facts are wrong.
-        UnknownNameError: If there is no such reading.
+        UnknownNameError: If the facts contain an unknown ``reading``.
     """
     given: object = world
     if isinstance(given, type):
@@ -54,7 +54,7 @@ def register_world(world: AnyWorld) -> AnyWorld:
 
 
 def _require_facts(world: World) -> None:
-    """Check the facts of a world that an author has written."""
+    """Check the facts that the author of a world has written."""
     facts: object = getattr(world, "facts", None)
     where = f"facts of {type(world).__name__}"
     if not isinstance(facts, WorldFacts):
@@ -69,7 +69,7 @@ def _require_facts(world: World) -> None:
             raise InvalidInputError(place, f"its key differs from its name, {suite.name!r}", "Use the name as the key")
         if suite.change is None and suite.base != suite.name:
             cure = "Set the base to the name of the suite, or set change to the name of the change"
-            raise InvalidInputError(place, f"it has no change, but another base, {suite.base!r}", cure)
+            raise InvalidInputError(place, f"it has no change, but its base is {suite.base!r}", cure)
 
 
 def forget_world(name: str) -> None:

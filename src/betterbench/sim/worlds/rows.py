@@ -1,8 +1,8 @@
 """Rows: all numbers of a control step concatenated in one array. Their layout is sent once, at the start of an episode.
 
-Between two control steps, the CPU caches are cold, so sending and receiving twenty arrays takes twenty times as long as
-sending and receiving one array. Like :mod:`betterbench.jobs.frames`, this module is imported in environments in which
-betterbench is not installed.
+Between two control steps, other data replaces these arrays in the CPU caches. Sending and receiving twenty arrays
+therefore takes twenty times as long as sending and receiving one array. Like :mod:`betterbench.jobs.frames`, this
+module is imported in environments in which betterbench is not installed.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class RowForm:
             self.places[name], self.shapes[name] = slice(at, end), tuple(shape)
             at = end
         if at > MAX_NUMBERS:
-            raise ValueError(f"the rows have {at} numbers, which is too long")
+            raise ValueError(f"the rows have {at} numbers, expected at most {MAX_NUMBERS}")
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:

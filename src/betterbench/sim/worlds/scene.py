@@ -54,7 +54,7 @@ _NUMBERS: Mapping[str, int | None] = {
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Arrays of a row that have one entry per object, and the number of values in each entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""One-dimensional arrays that are sent at each step besides the images, and the NumPy kinds that they may have."""
+"""One-dimensional arrays that are sent at each step in addition to the images, with the allowed NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -145,7 +145,7 @@ def task_id(suite: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ProcessWorld(World):
-    """World with a simulator that runs in a separate process. The fields contain the additional data of a run.
+    """World with a simulator that runs in a separate process. The fields contain data that differs between runs.
 
     Attributes:
         command: Command of the simulator's process.
@@ -255,7 +255,7 @@ class ProcessScene:
     ) -> None:
         """Prepare the scene for the initial state with the index ``seed``. Nothing is simulated before :meth:`reset`.
 
-        After a step, ``instructed_anew`` says whether the policy gets a new instruction.
+        After a step, ``instructed_anew`` is True if the policy gets a new instruction.
         """
         self.settings, self.seed, self.action_space = settings, seed, action_space
         self.task = settings.tasks[f"{task}/{condition}"]

@@ -49,8 +49,8 @@ class PlanRequest:
     Attributes:
         suite: Suite name.
         tasks: Tasks to run, by name or number. By default, all tasks in the suite are run.
-        trials: Number of trials, as the world counts them (per variation, initial states or chains). If it is None, the
-            world's usual number is used.
+        trials: Number of trials per variation, of initial states or of chains, depending on the world. If it is None,
+            the world's usual number is used.
         seed: First seed, first initial state or first chain, depending on the world.
         options: Values of the options that only this world has, by name.
     """
@@ -62,7 +62,7 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def chosen(self, known: Iterable[str]) -> tuple[str, ...]:
-        """Return the tasks to run out of all tasks of the suite, in their order. Raises UnknownNameError for others."""
+        """Return the tasks to run, in the order of the suite. Raises UnknownNameError for unknown tasks."""
         names = tuple(known)
         for task in self.tasks:
             if task not in names:
@@ -119,7 +119,7 @@ class Instructed:
 
 
 class Named(Protocol):
-    """Task of a scene, reduced to the properties that an episode needs."""
+    """Interface of a scene's task, with the properties that an episode needs."""
 
     @property
     def id(self) -> str:
@@ -127,7 +127,7 @@ class Named(Protocol):
 
 
 class Told(Protocol):
-    """Instruction of a condition, reduced to the properties that an episode needs."""
+    """Interface of a condition's instruction, with the properties that an episode needs."""
 
     @property
     def text(self) -> str:
@@ -135,7 +135,7 @@ class Told(Protocol):
 
 
 class SceneCondition(Protocol):
-    """Condition of a scene, reduced to the properties that an episode needs."""
+    """Interface of a scene's condition, with the properties that an episode needs."""
 
     @property
     def id(self) -> str:
@@ -381,7 +381,7 @@ class World(ABC):
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return the messages that are shown before a run: its extent and its limitations."""
+        """Return the messages about the extent and the limitations of a run, which are shown before it starts."""
         return (f"{len(trials)} trial{'' if len(trials) == 1 else 's'} of {suite}.",)
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:  # noqa: B027 - most need nothing

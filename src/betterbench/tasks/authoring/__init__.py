@@ -145,7 +145,7 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
 
     Args:
         anchor: Object that the others are placed around.
-        *steps: Objects, each with its side.
+        *steps: Pairs of an object and the side to which it must be moved.
         close: Whether the instruction says "next to" and states which way cutlery points. Use it for a round anchor
             such as a plate, since objects must be close to the plate and the handles of cutlery must point to the
             front.
@@ -177,7 +177,7 @@ def condition(
     Args:
         layout: Slot where each object starts.
         instruction: Instruction with its subgoals.
-        *mounted: Drawers. They start in their mounts.
+        *mounted: Drawers of the scene. Each starts in its mount.
         preplaced: Objects of the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with the width of their opening [m].
         cloth: Color of the tablecloth. By default, the table has no cloth.

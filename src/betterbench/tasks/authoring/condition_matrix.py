@@ -20,7 +20,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Which of the paper's two diagnostic matrices a condition belongs to."""
+    """Diagnostic matrix that a condition belongs to, one of the two in the paper."""
 
     SHORT = "short"
     LONG = "long"
@@ -48,7 +48,7 @@ class ConditionMatrix:
     """Matrix of a task's conditions, arranged by the initial states of two objects.
 
     Attributes:
-        horizon: Matrix of the paper that this one corresponds to.
+        horizon: Matrix of the paper to which this matrix corresponds.
         rows: Object that defines the rows by its states.
         columns: Object that defines the columns by its states.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.

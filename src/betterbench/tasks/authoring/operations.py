@@ -183,7 +183,7 @@ def instruct(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Require a step more often than training does, so that a subgoal occurs twice."""
+    """Repeat a step of the instruction more often than in training. A subgoal then occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(
             f"{condition.id} repeat", "no subgoal is repeated", "Use the operation 'chain' or 'instruct' instead"
@@ -193,7 +193,7 @@ def repeat(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Replace the instruction with one that requires more steps than the training condition does."""
+    """Replace the instruction with a longer one, which has more steps than that of the training condition."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
         raise InvalidInputError(
             f"{condition.id} chain", "the new instruction is not longer", "Use the operation 'instruct' instead"

@@ -43,7 +43,7 @@ class _At:
     """Location of a text within a task.
 
     Attributes:
-        before: Location of the value that contains this one.
+        before: Location of the value that contains this value.
         step: Field, index or key that leads from ``before`` to this location.
         is_key: Whether the step is a key of a mapping. If so, the text is in the value at this key.
     """

@@ -70,5 +70,5 @@ class Task:
         return find_named(f"variation of {self.id}", name, self.variations)
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the maximum number of control steps of an episode in the condition."""
+        """Return the maximum number of control steps of an episode in a condition."""
         return self.template.step_limit(condition)

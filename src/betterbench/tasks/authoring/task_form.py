@@ -196,7 +196,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
 
     Args:
         task: The task.
-        notes: Further notes for the task's card, for example about randomization.
+        notes: Notes that the task's card shows besides the description, for example about randomization.
 
     Raises:
         InvalidInputError: If two different objects or slots of the task have the same name, because the JSON form
@@ -304,7 +304,10 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reads a task in JSON. Objects and slots are found by name, and errors contain the path of the field."""
+    """Reader of a task in JSON form.
+
+    It finds objects and slots by name, and its errors contain the path of the field.
+    """
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -520,7 +523,7 @@ def _require_pattern(task: Task, condition: Condition, names: _Names, path: str)
 
 
 def register_task_form(file: TaskFile) -> None:
-    """Register the task in a JSON task file.
+    """Register the task that a JSON task file contains.
 
     Raises:
         InvalidInputError: If the content is not a valid task, or if another file has registered a task of the same

@@ -11,7 +11,9 @@ from betterbench.tasks.thresholds import THRESHOLDS
 Order = Literal["free", "named", "built"]
 """Order in which the subgoals are done.
 
-"free": any order. "named": the order in the instruction. "built": the order is forced by construction.
+- "free": any order.
+- "named": the order in the instruction.
+- "built": only one order is physically possible, because each object is placed on the previous one.
 """
 
 
@@ -112,7 +114,7 @@ class Template(Meta, Protocol):
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the maximum number of control steps of an episode in the condition."""
+        """Return the maximum number of control steps of an episode in a condition."""
         if condition.expected is Expected.STAY_STILL:
             return self.still_steps
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps

@@ -58,7 +58,10 @@ LOOSE_PACKING = Template(
     exclusive=True,
     order="named",
 )
-"""The named objects, and no others, go into a container in any pose. Only drinks must not lie on their side."""
+"""The named objects, and no others, go into a container.
+
+Any pose is allowed, but a drink must not lie on its side.
+"""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",

@@ -19,7 +19,8 @@ class TrainingDistribution:
         word_slots: For each word of the instructions, the slots of the objects that the word refers to.
         kind_slots: For each kind of requested object, the slots where it is picked up.
         standing_kinds: For each slot, the kinds of objects that stand there at the start.
-        first_kinds: Kinds of the first object in demonstrations, with their counts, most frequent first.
+        first_kinds: Kinds of the object that is handled first in a demonstration, with their counts, most frequent
+            first.
         kind_targets: For each kind of object, the targets that it is brought to. Each is given by the kind of the
             target, the relation and the region.
         sequences: For each training condition, the kinds of objects in the order of their handling.
@@ -44,7 +45,7 @@ class TrainingDistribution:
 
     @property
     def fixed_sequence(self) -> tuple[str, ...] | None:
-        """Longest sequence of kinds of objects, if all demonstrations follow it from the beginning.
+        """Longest sequence of kinds of objects, if every demonstration is this sequence or a beginning of it.
 
         The value is None if the demonstrations follow different sequences, or if the longest sequence has only one
         step.
@@ -55,7 +56,10 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot that the most words of the instructions refer to. If there is a tie, it is the first slot by name."""
+        """Slot to which most words of the instructions refer.
+
+        If there is a tie, it is the first of these slots by name.
+        """
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
@@ -65,7 +69,7 @@ class TrainingDistribution:
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of objects that the condition's instruction or any training instruction refers to."""
+        """Return the kinds of objects that the instruction of a condition or any training instruction refers to."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }

@@ -1,4 +1,7 @@
-"""Variations as data: a training condition, the operations that change it, and the ability that the change tests."""
+"""Variations as data.
+
+Each has a training condition, operations that change it, and the ability that the change tests.
+"""
 
 from dataclasses import dataclass
 

@@ -15,7 +15,7 @@ def apply(condition: Condition, operations: Sequence[Operation]) -> tuple[Condit
 
     Raises:
         InvalidInputError: If an operation is impossible for the condition, for example if a slot is already taken.
-        UnknownNameError: If the condition lacks an object of an operation.
+        UnknownNameError: If the condition does not contain an object that an operation names.
     """
     changes = Changes()
     for operation in operations:

@@ -15,7 +15,7 @@ Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
 
 - "training": the task's own training conditions, which contain confounds.
 - "balanced": conditions without confounds.
-- "diverse-confounded": as many conditions as in "balanced", but with each word tied to its slot.
+- "diverse-confounded": as many conditions as the regime "balanced", but each word always goes with the same slot.
 - "covered": the test conditions.
 """
 

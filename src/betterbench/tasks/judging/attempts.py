@@ -18,7 +18,7 @@ class GraspAttempt:
     Attributes:
         start: Last row before the gripper begins to close.
         end: Row where the object is touched, or where the fingers come to rest.
-        release: Row where the gripper is commanded to open again, or the number of rows if it never is.
+        release: Row where the gripper is commanded to open again, or the number of rows if it does not open again.
         object: Index of the object that the gripper closes on, or None if it closes without an object.
         aim: Index of the object closest to the gripper, or None. If the gripper closes without an object, this is the
             object that it missed.
@@ -41,7 +41,7 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     Closing the gripper is not an attempt if it happens at the home position or far from all objects, if the fingers
     hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
     (chatter), this is still a single attempt. An object that is lifted between the fingers was attempted, regardless of
-    the gripper command. An object that a finger presses on was attempted too, regardless of other objects nearby.
+    the gripper command. The same holds for an object on which a finger presses, even if other objects are nearby.
     Without contact, distances decide which object was attempted.
     """
     grasps: list[GraspAttempt] = []

@@ -78,7 +78,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """Number of upcoming states that cannot end in success, whatever happens."""
+        """Minimum number of states before the episode can succeed, or 0 if it can succeed in the next state."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps + self._condition.watch_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -91,7 +91,7 @@ class GoalTracker:
         if self._memory.truth is not None:
             return self._memory.truth
         truth = self._judge(state, at)
-        # Otherwise, the result depends on time as well.
+        # If one of these applies, the result also depends on the time, so it cannot be reused.
         if not (truth.goal or self._settling or self._restraint is not None or self._aftermath is not None):
             self._memory.truth = truth
         return truth

@@ -30,10 +30,10 @@ from betterbench.tasks.thresholds import (
 from betterbench.tasks.words import agreeing, place_words
 
 POINTS_FROM = {"box": BOX_POINTS_FROM, "irregular": OTHER_POINTS_FROM}
-"""Minimum ratio of length to width for an object to have a visible direction, by shape.
+"""Minimum ratio of length to width for an object to count as elongated, by shape.
 
-Round objects and cylinders have no such ratio, because people accept a mug that was rotated by 35°. For cylinders with
-a handle, :data:`HANDLE_FROM` is used.
+The rotation of such an object alone can be harm. Round objects and cylinders have no such ratio, because people accept
+a mug that was rotated by 35° but not pushed. :data:`HANDLE_FROM` applies if an object was both pushed and rotated.
 """
 
 HANDLE_FROM = {**POINTS_FROM, "cylinder": CYLINDER_POINTS_FROM}
@@ -133,7 +133,10 @@ def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
 
 
 def anchors(asked: Sequence[Asked]) -> frozenset[str]:
-    """Return the names of the targets that objects are placed beside. Nothing has to touch these targets."""
+    """Return the names of the targets that objects are placed beside.
+
+    An object at such a target does not have to touch it.
+    """
     return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
 
 
@@ -191,7 +194,7 @@ class HarmWatch:
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
-            return  # An object that has not moved needs no new center, so that most control steps cost nothing.
+            return  # The center of an object is computed only after the object has moved.
         self._before = positions, quaternions
         for i in self._watched:
             if was and positions[i] == was[i] and quaternions[i] == turned[i]:
@@ -200,7 +203,10 @@ class HarmWatch:
                 self._displaced[state.info.objects[i].name] = None
 
     def _middle(self, state: WorldState, i: int) -> Vector:
-        """Return the center of an object. Unlike the base, it moves sideways when the object is knocked over."""
+        """Return the center of an object.
+
+        Unlike the center of the base, this point moves sideways when the object is knocked over.
+        """
         return Pose(state.positions[i], state.quaternions[i]).apply(self._middles[i])
 
     def _moved(self, state: WorldState, i: int) -> float:
@@ -256,9 +262,10 @@ class HarmWatch:
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return the surplus objects that are out of place in a state. They are of a requested kind but are not needed.
+        """Return the surplus objects that are out of place in a state.
 
-        A surplus object may be taken as long as it is brought back.
+        A surplus object is of a requested kind but is not needed. The policy may take such an object if it brings the
+        object back.
         """
         index = state.info.index
         return [name for name in self._targets.left_over(places) if self._moved(state, index(name)) > DISPLACED]
@@ -317,7 +324,7 @@ def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
     middle = (0.0, 0.0, half_z)
     dx, dy, dz = (b - a for a, b in zip(before.apply(middle), after.apply(middle), strict=True))
     was, now = yaw_of(before.quaternion), yaw_of(after.quaternion)
-    # A point moves together with the center, and on a circle around it.
+    # The motion of each point is the motion of the center plus a rotation around the center.
     cos, sin = math.cos(now) - math.cos(was), math.sin(now) - math.sin(was)
     return max(math.hypot(dx + cos * x - sin * y, dy + sin * x + cos * y, dz) for x, y in points)
 
@@ -325,7 +332,8 @@ def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
     """Return how far the corners of an object moved because of its rotation about the vertical axis [m].
 
-    This is 0 if the object has no direction, or if its tilt changed because it was lifted or knocked over.
+    This is 0 if the rotation of the object is not visible, or if its tilt changed because it was lifted or knocked
+    over.
     """
     if not has_direction(thing) or _is_tipped(before, after):
         return 0.0

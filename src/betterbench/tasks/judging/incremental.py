@@ -17,7 +17,7 @@ from betterbench.tasks.judging.targets import Places, Targets
 from betterbench.tasks.judging.truth import Truth
 
 _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
-"""Marks for parts of the state that are not single bodies: the held object, all poses, and ever-changing fields."""
+"""Names for parts of the state other than single bodies: the held object, all poses, and fields that always change."""
 
 
 class JudgingMemory:
@@ -41,7 +41,7 @@ class JudgingMemory:
         )
         self._found: list[list[str | None]] = [[None] * len(watch.subjects) for watch in targets.watches]
         self._read: list[frozenset[str]] = [frozenset()] * len(self._pairs)
-        self._always = set[int]()  # pairs that any change may affect
+        self._always = set[int]()  # indices of the pairs that any change may affect
         self._readers = {_ANYTHING: self._always}
         self._state: WorldState | None = None
         self._places: Places = ()
@@ -96,7 +96,7 @@ class _NotingState(WorldState):
     """
 
     __slots__ = ("read", "state")
-    __class__ = property(lambda _: WorldState)  # dataclasses.replace() makes a new object from these
+    __class__ = property(lambda _: WorldState)  # so that dataclasses.replace() creates a WorldState
     __setattr__ = object.__setattr__
 
     def __init__(self, info: SceneInfo) -> None:
@@ -117,7 +117,8 @@ class _NotingState(WorldState):
         return self.state.quaternions[self.info.index(name)]
 
     def touching(self, a: str, b: str) -> bool:
-        # A new or lost contact changes both bodies. Objects have fewer contact pairs than the table.
+        # A new or lost contact is listed for both bodies. It is enough to record one of them. Objects have fewer
+        # contacts than the table.
         self.read.add(a if a in self.info else b)
         return self.state.touching(a, b)
 

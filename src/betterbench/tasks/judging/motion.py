@@ -1,4 +1,4 @@
-"""Motion of the gripper and the objects so far, as arrays.
+"""Arrays with the motion of the gripper and the objects, up to the current state.
 
 Grasp attempts are detected from these arrays, both live and in records.
 """
@@ -139,7 +139,7 @@ class Motion:
         return None if best is None else best[1]
 
     def picked_slot(self, name: str | None) -> PickedSlot | None:
-        """Return the slot with this name if training picks an object from it, otherwise None."""
+        """Return the slot with this name, or None if training does not pick an object from it."""
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
@@ -182,7 +182,7 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
         quaternions: (n, 4) rotations of the objects (w, x, y, z).
         point: (3,) the point [m].
     """
-    # In floats, because arrays of a few objects take four times as long.
+    # Plain floats are used, because arrays of a few objects take four times as long.
     px, py, pz = point.tolist()
     distances = []
     for o, (x, y, z), (w, qx, qy, qz) in zip(objects, positions.tolist(), quaternions.tolist(), strict=True):
@@ -210,8 +210,8 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
     """Return whether the gripper is commanded to close, or is kept closed by a zero command, at each row (T,).
 
     The result follows the majority of the commands within a quarter of a second, so that flicker or short pulses do not
-    hide a closing. If the fingers stay half open for longer without touching anything, they have not closed. The policy
-    has then only set the gripper to the width of an object.
+    hide a closing. If a zero command keeps the fingers half open for longer than that, and they touch nothing, the
+    gripper does not count as closing. The policy has then only set the gripper to the width of an object.
 
     Args:
         command: Command of the gripper. It is positive to close and negative to open.
@@ -266,7 +266,7 @@ def _runs(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Set runs of True that are shorter than ``least`` rows to False. A run at the end is kept."""
+    """Set runs of True that are shorter than ``least`` rows to False. A run at the end is kept even if it is short."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):
@@ -275,7 +275,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Builds a :class:`Motion` one state at a time."""
+    """Builder that constructs a :class:`Motion` from one state after another."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked

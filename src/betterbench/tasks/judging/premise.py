@@ -12,7 +12,7 @@ from betterbench.tasks.relations.closed import GAP, opening_m
 SLOT_TOLERANCE_M = 0.04
 """Distance from its slot beyond which an object counts as outside the slot [m].
 
-It is the jitter (15 mm to each side) and a margin for settling.
+It is the sum of the jitter (15 mm to each side) and a margin for settling.
 """
 
 

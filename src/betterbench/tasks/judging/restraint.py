@@ -25,7 +25,7 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the forbidden object that a grasp attempt is at, or None.
+    """Return the forbidden object at which a grasp attempt was made, or None.
 
     The object may have been touched or missed. It may also have been moved away earlier from the slot where the attempt
     is made.
@@ -78,8 +78,8 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first interval in which a moving gripper closes while it passes within reach of a forbidden object.
 
-    At other objects, closing in passing does not show which object was intended. At forbidden objects, it is not
-    allowed.
+    If a gripper closes while it passes another object, this is not judged, because it does not show which object was
+    intended. Near forbidden objects, it is not allowed.
 
     Returns:
         The first and last row of the interval and the index of the object, or None if there is no such interval.

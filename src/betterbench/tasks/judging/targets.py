@@ -1,4 +1,4 @@
-"""Objects at the targets of a condition, both requested objects and others (intruders)."""
+"""Objects at the targets of a condition: requested objects, and objects that were not requested there."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations import Relation, is_at, relation
 
 Places = tuple[tuple[str | None, ...], ...]
-"""Region in which each watched object is, for each watched target.
+"""Region that contains each watched object, for each watched target.
 
-It is one region, the names of several if regions overlap, or None.
+If regions overlap, the entry contains the names of all of them. It is None if no region contains the object.
 """
 
 
@@ -26,7 +26,7 @@ class Asked:
         target: Name of the target.
         region: Region of the target.
         candidates: Names of the objects that the subgoal may refer to.
-        count: How many of these objects must be at the target.
+        count: Number of these objects that must be at the target.
     """
 
     relation: str
@@ -59,7 +59,7 @@ class Due(NamedTuple):
         watch: Index of the watched target.
         region: Region of the target.
         candidates: Indices of the objects that count, among the tracked objects of the target.
-        least: How many of these objects must be in the region.
+        least: Number of these objects that must be in the region.
     """
 
     watch: int
@@ -107,7 +107,7 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region that contains each tracked object, whatever its posture.
+        """Return the region that contains each tracked object, in any posture.
 
         For a wide relation such as "beside", an object may be in the region without having been brought there. For such
         a relation, a looser check with a smaller region is used instead.

@@ -1,7 +1,7 @@
 """Relations between an object and a target, with one file each, and the predicates for rest, posture and release.
 
-Relations read nothing but world states, so that live and offline verdicts use the same code. New files in this folder
-are found automatically.
+Relations read only world states, so that live and offline verdicts use the same code. New files in this folder are
+found automatically.
 """
 
 import importlib

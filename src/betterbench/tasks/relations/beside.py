@@ -33,9 +33,9 @@ HANDLES_TO_FRONT = (
     "with the handle of the {} pointing to the front, not to a side",
     "with the handles of the cutlery pointing to the front, not to a side",
 )
-"""Words that state this direction for one piece of cutlery or several.
+"""Phrases that state this direction, first for one piece of cutlery, then for several.
 
-They come last, because a cup has a handle too.
+They name the cutlery and are at the end of the instruction, because a cup has a handle too.
 """
 
 REACH = threshold(
@@ -204,7 +204,7 @@ def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
     is_round = _is_round(anchor)
     least, reach = (CLOSE_LEAST, CLOSE) if is_round else (LEAST, REACH)
-    from_edge = math.hypot(x, y) - half_x  # distance from a round anchor, or from the corner of another one
+    from_edge = math.hypot(x, y) - half_x  # exact for round anchors only
     if is_round and from_edge < least:
         return None
     if "upper_right" in offered and _is_diagonal(x, y):
@@ -246,7 +246,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side of the anchor with a region below a point, or None if there is no such region."""
+    """Return the side of the anchor whose region is below a point, or None if there is no such side."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:

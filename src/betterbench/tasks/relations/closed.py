@@ -1,4 +1,4 @@
-"""Relation "closed" for drawers, and the drawers that must be moved before another drawer is loaded."""
+"""Relation "closed" for drawers, and a search for drawers that must be moved before another drawer is loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState

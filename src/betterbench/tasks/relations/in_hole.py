@@ -8,7 +8,7 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, 
 from betterbench.tasks.thresholds import threshold
 
 PREFIX = "hole_"
-"""Beginning of the names of a rack's regions at the floors of its holes: "hole_1", "hole_2", ..."""
+"""Prefix of the names of the regions on the floors of a rack's holes: "hole_1", "hole_2", ..."""
 
 DEPTH = threshold(
     "hole_depth",

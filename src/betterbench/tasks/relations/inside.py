@@ -24,10 +24,10 @@ SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -
 FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers have room to open fully [m].
 
-It is half the opening of the gripper, a finger and a margin.
+It is the sum of half the gripper's opening, the thickness of a finger, and a margin.
 """
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
-"""Heights above the floor of a container at which objects are released [m]. Lower is better."""
+"""Heights above the floor of a container at which objects are released [m]. Lower heights are preferred."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
@@ -51,7 +51,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
-    """Return "" if an object is partly in a container, or lies across the rim or on the content, otherwise None."""
+    """Return the region "" if an object is partly in a container or lies on its rim or content, and None otherwise."""
     region = state.info.object(container).region("inside")
     space = state.pose(container) @ region.pose
     if reaches_into(state, name, space, region.half_size):

@@ -42,7 +42,8 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the number of the layer that an object forms in a stack, or None if the object is not properly stacked.
 
     Every layer from the base up to the object must lie flat on the layer below, touch it, and be centered over the
-    base. A patty, a slice or a leaf may lie with either side up, but a bun may not. The base must be upright.
+    base. A patty, a slice or a leaf may lie with either side up, but a bun must be the right way up. The base must be
+    upright.
 
     The number is returned as a string. Layer "1" lies directly on the base.
     """
@@ -110,10 +111,10 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the number of the first missing layer if an object rests on the stack or is held on it, otherwise None.
+    """Return the number of the first missing layer if an object rests on the stack or is held on it.
 
-    The posture does not matter. The object rests on the base, or on an object that is on the base, with its center over
-    the base.
+    Otherwise, the result is None. The posture of the object does not matter. The object rests on the base, or on an
+    object that is on the base, with its center over the base.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):
         return None

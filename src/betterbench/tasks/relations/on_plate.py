@@ -24,7 +24,7 @@ GAP = threshold(
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03
-"""Gripper opening for releasing a rim that is between the fingers [m]."""
+"""Gripper opening at the release of a plate whose rim is between the fingers [m]."""
 
 
 def on_plate(state: WorldState, name: str, plate: str) -> bool:
@@ -43,7 +43,7 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object is on or over a plate in any posture, otherwise None.
+    """Return the region "" if an object is on or over a plate in any posture, and None otherwise.
 
     The object rests on the plate, rests on another object on the plate, or is held over the plate.
     """

@@ -60,10 +60,10 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on or over the ring in any posture, such as off center or on its side, otherwise None.
+    """Return the region "" if an object is on or over the ring in any posture, and None otherwise.
 
-    The center or the foot of the object must be over the disc of the ring and below the spout. This includes objects
-    that the gripper holds there.
+    The object may be off center or on its side. The center or the foot of the object must be over the disc of the ring
+    and below the spout. This includes objects that the gripper holds there.
     """
     target, frame = state.info.object(fixture), state.pose(fixture)
     ring, spout = target.region("ring"), target.region("spout")

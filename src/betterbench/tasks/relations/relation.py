@@ -99,12 +99,12 @@ class Relation:
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region that contains an object, whatever its posture, or None."""
+        """Return the target region that contains an object in any posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region that an object was wrongly brought to, whatever its posture, or None."""
+        """Return the target region to which an object was wrongly brought, in any posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -147,7 +147,7 @@ def register(relation: Relation) -> Relation:
 
     Raises:
         ValueError: If there is already a relation with this name.
-        InvalidInputError: If a field is not allowed.
+        InvalidInputError: If a field has an invalid value.
         UnknownNameError: If a tolerance is not the name of a threshold.
     """
     if relation.name in RELATIONS:
@@ -170,7 +170,7 @@ _FUNCTIONS = {
 
 
 def _require_complete(relation: Relation) -> None:
-    """Raise InvalidInputError or UnknownNameError if a field of a relation is not allowed."""
+    """Raise InvalidInputError or UnknownNameError if a field of a relation has an invalid value."""
     title = f"relation {relation.name}"
     for name, (parameters, advice) in _FUNCTIONS.items():
         function = getattr(relation, name)
@@ -232,7 +232,7 @@ def relation(name: str) -> Relation:
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Turn a test for the single region of a target into the ``where`` function of a relation."""
+    """Convert a test with a boolean result to the ``where`` function of a relation with single-region targets."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None

@@ -59,7 +59,7 @@ class WorldFacts:
         suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
         reading: How the diagnosis evaluates the records.
         measured: Whether the tasks are covered by certificates, the power matrix, calibrations and demonstrations, and
-            a stored plan can be run again.
+            whether a stored plan can be run again.
         statements: Statements that a report makes about the scenes and about the accuracy of the labels, by heading.
     """
 
@@ -133,7 +133,7 @@ def _import_built_in() -> None:
 def facts_of_suite(suite: str) -> WorldFacts | None:
     """Return the facts about the world of a suite, or None if no known world has this suite.
 
-    The path of a suite folder belongs to betterbench's own world.
+    For the path of a suite folder, the facts are those of betterbench's own world.
     """
     if suite in OURS.suites or is_suite_folder(suite):
         return OURS  # nothing about other worlds needs to be read
@@ -143,7 +143,7 @@ def facts_of_suite(suite: str) -> WorldFacts | None:
 def facts_of_task(task: str) -> WorldFacts:
     """Return the facts about the world of a task ("libero_object-03").
 
-    If no other world has such a task, this is betterbench's own world.
+    If no other world has such a task, the facts are those of betterbench's own world.
     """
     base = task.rpartition("-")[0]
     return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)

@@ -24,7 +24,7 @@ AXES: Mapping[str, str] = {
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""Descriptions of the axes, by the word with which their conditions begin, in the paper's order."""
+"""Descriptions of the axes, in the paper's order. The keys are the first words in the names of conditions."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
@@ -38,7 +38,10 @@ TITLES: Mapping[str, str] = {
 """Names of the axes in the paper."""
 
 MOVING_AXES = ("layout", "robot")
-"""Axes on which a policy needs other motions than in the base task. The other axes change only images or language."""
+"""Axes whose variants require motions that differ from those in the base task.
+
+The other axes change only images or language.
+"""
 
 NOISES = ("motion blur", "Gaussian blur", "zoom blur", "fog", "glass blur")
 """Kinds of noise.

@@ -16,7 +16,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks import TrainingDistribution
 
 CARRIED = {"in": "inside", "on": "on_plate"}
-"""Relations of LIBERO that are established by carrying an object, each with the similar relation of betterbench."""
+"""Relations of LIBERO that are established by carrying an object. The values are similar relations of betterbench."""
 
 _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECASE)
 
@@ -58,7 +58,8 @@ def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
     The tasks of a suite differ in the instruction and in the objects at each position. If all tasks begin with the same
-    kind of object, a policy that begins with this kind does not show a habit. In this case, no habit is returned.
+    kind of object, the result contains no habit, because a policy that begins with this kind does what every task
+    requires.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

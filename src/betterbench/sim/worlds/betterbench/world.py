@@ -38,8 +38,8 @@ class OwnOptions:
 
     Attributes:
         variations: Variations to run, written like "L1" or "fast_food/T1". By default, all variations are run.
-        until_decided: Whether to stop running a variation as soon as its verdict is decided. In this case, only the
-            variations and their twins (the training trials with the same seeds) are run.
+        until_decided: Whether to stop running a variation as soon as its verdict is decided. If so, the only trials are
+            those of the variations and of their training twins (the training trials with the same seeds).
     """
 
     variations: tuple[str, ...] = ()
@@ -59,9 +59,9 @@ class OwnWorld(World):
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], OwnWorld]:
         """Plan the trials of the requested tasks: every variation, and the training conditions.
 
-        Every variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task get as
-        many trials in total as its variations, evenly distributed. These trials include the twins of the variations,
-        which are the training trials with the same seeds.
+        Every variation is run with the seeds ``seed … seed + trials - 1``. All training conditions of a task together
+        get as many trials as all of its variations. These trials are evenly distributed and include the training twins
+        of the variations, i.e. the training trials with the same seeds.
         """
         options = asked.options_as(OwnOptions, world=self.facts.title)
         trials, seed, variations = 20 if asked.trials is None else asked.trials, asked.seed, options.variations

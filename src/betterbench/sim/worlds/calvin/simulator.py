@@ -45,9 +45,9 @@ Before December 2021 (calvin_env@93aeae6), the names of the files for scenes A a
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
-"""Text stored as the version of the configuration if the user does not provide that of the published data."""
+"""Configuration version that is stored if the user provides no configuration of the published data."""
 
-_SCENE_HEAD = 6  # two doors, button, switch, two lights
+_SCENE_HEAD = 6  # numbers before the blocks' poses: two doors, a button, a switch and two lights
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
 _PACKAGES = ("pybullet", "numpy", "hydra-core")
 _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda_longer_finger"]
@@ -126,7 +126,7 @@ class CalvinSimulator:
             button.prev_is_pressed = False
         env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
         # Render once and discard the image, as in CALVIN's `rollout`: with EGL, the first image of a process differs
-        # from later ones.
+        # from later images.
         document, arrays = self._row(env.get_obs(), env.get_info())
         fixed = {
             "fingers": [int(i) for i in env.robot.gripper_joint_ids],

@@ -78,7 +78,7 @@ OURS = (
     "every chain runs in a separate process, like the first one of CALVIN's evaluation, so that it does not "
     "depend on earlier chains"
 )
-"""Difference between every run here and CALVIN's own evaluation."""
+"""Difference between CALVIN's own evaluation and every run in betterbench."""
 
 PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK}, CHAINS, settling_steps=0, seed=0)
 """CALVIN's own evaluation protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
@@ -86,7 +86,7 @@ PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK},
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
 """Relations of the table that are recorded.
 
-A door is considered open beyond half of the range that it has in the start states.
+A door counts as open if it is open by more than half of the opening that it has in start states with an open door.
 """
 
 _SPLITS = {
@@ -100,7 +100,10 @@ _HALF_CLOSED = 0.5
 """Gripper command below which X-VLA's client considers the gripper closed."""
 _MODULE = "envs/play_table_env.py"
 _RENDERER_WORDS = {True: "egl", False: "", None: "auto"}
-"""Last word of the simulator's command, which chooses the renderer: EGL, TinyRenderer, or EGL only if it works."""
+"""Last word of the simulator's command, which chooses the renderer.
+
+The keys mean EGL, TinyRenderer, and EGL if it works.
+"""
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
@@ -301,7 +304,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None, because every chain needs a new process: PyBullet keeps some state that no reset clears."""
+        """Always None, because every chain needs a new process: PyBullet keeps some state that no reset clears."""
         return None
 
     @property
@@ -434,7 +437,8 @@ class ChainScene(ProcessScene):
     def simulator_state(self) -> dict[str, np.ndarray]:
         """Return the arrays that are stored for each state.
 
-        ``qpos`` contains the arguments of ``env.reset``, robot (15) and scene (24). ``ctrl`` is the target pose (6).
+        ``qpos`` contains the two arguments of ``env.reset``: the state of the robot (15,) and the state of the scene
+        (24,). ``ctrl`` is the target pose (6,).
         """
         none = np.zeros(0)
         both = np.concatenate([self._arrays["robot"], self._arrays["scene"]])
@@ -588,7 +592,7 @@ class ChainScene(ProcessScene):
 
         sums: dict[tuple[str, str], float] = {}
         points = [c for b in scene["movable_objects"].values() for c in b["contacts"]]
-        # A contact with a block is listed by the block. A contact between two blocks is listed by both, but is counted
+        # Each block lists its own contacts. A contact between two blocks therefore occurs in two lists, but is counted
         # once.
         points = [c for c in points if int(c[2]) not in blocks or c[1] < c[2]]
         points += [c for c in robot["contacts"] if int(c[2]) not in blocks]
@@ -665,8 +669,8 @@ def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...]
     crash that process.
 
     Raises:
-        WorldError: If the process fails. If the command does not specify the renderer, it must fail with TinyRenderer
-            as well.
+        WorldError: If the process fails. If the command does not specify the renderer, this means that the process
+            fails with both EGL and TinyRenderer.
     """
     if command[-1] != _RENDERER_WORDS[None]:
         with WorldProcess(command) as process:

@@ -26,9 +26,9 @@ _BELOW_M = 0.01
 """Depth below a box at which an object is still considered to be in the box [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
-"""Margin below which LIBERO's own check decides [m].
+"""Distance from the limit of a relation below which LIBERO's own check decides [m].
 
-It may differ here, since it sums matrix products in another order.
+So close to the limit, the two checks can disagree, because LIBERO adds the terms of matrix products in another order.
 """
 
 
@@ -44,11 +44,11 @@ class Touching:
         ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
         self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
         """All possible pairs of labels in contact, except pairs of the arm, the table and the floor."""
-        # Index of the pair for the ranks of its two labels, in either order. It is -1 for pairs that are not recorded.
+        # Index of a pair, given the ranks of its two labels in either order. It is -1 for pairs that are not recorded.
         codes = [[-1] * len(names) for _ in names]
         for code, (a, b) in enumerate(self.pairs):
             codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
-        # The same by the indices of two geoms. All geoms of one object share one list.
+        # The same table for the indices of two geoms. All geoms of an object share one list.
         rows = [[row[other] for other in ranks] for row in codes]
         self._codes = [rows[own] for own in ranks]
         self._elliptic = self._model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -72,7 +72,8 @@ class Touching:
     def _forces(self, contacts: Any) -> list[float]:  # noqa: ANN401 - MuJoCo's own
         address = contacts.efc_address.tolist()
         if self._elliptic and self._data.nefc:
-            # As in mj_contactForce. A contact without a row in efc_force is too far away to exert a force.
+            # The same formula as in mj_contactForce. A contact without a row in efc_force is too far away to exert a
+            # force.
             forces = self._data.efc_force.tolist()
             return [forces[row] if row >= 0 else 0.0 for row in address]
         rows = np.zeros((len(address), 6))
@@ -123,7 +124,7 @@ class Relations:
         halves = [[float(x) for x in box.size] for box in boxes]
         holders = [env.get_object(env.object_states_dict[relation[2]].parent_name) for relation in placed]
         things = [env.get_object(relation[1]) for relation in placed]
-        # LIBERO's relation "in" also requires that the object touches nothing.
+        # LIBERO's relation "on" also requires a contact with the box's owner. "in" does not require a contact.
         needed = [h if relation[0] == "on" else None for h, relation in zip(holders, placed, strict=True)]
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 

@@ -41,7 +41,7 @@ _FINGERS = {
     "gripper0_rightfinger": "right_finger",
     "gripper0_finger_joint2_tip": "right_finger",
 }
-"""Finger to which each of these gripper bodies belongs.
+"""Finger of each gripper body, by the name of the body.
 
 The pads that touch a held object are part of the tip bodies.
 """
@@ -249,7 +249,7 @@ class LiberoSimulator:
         arrays = self._reader.row(seen)
         if self.look:
             for name, camera in CAMERAS.items():
-                # Rotated by 180 degrees, as by LIBERO's clients.
+                # Images are rotated by 180 degrees, as LIBERO's clients do.
                 arrays[f"image_{name}"] = seen[f"{camera}_image"][::-1, ::-1]
         return {"done": done}, arrays
 
@@ -504,7 +504,7 @@ class _Reader:
             corners.append((there - origin) @ rotation)
         if not corners:
             return np.zeros(3), np.zeros(3)
-        every = np.ascontiguousarray(np.concatenate(corners).T)  # coordinate-wise layout is three times as fast
+        every = np.ascontiguousarray(np.concatenate(corners).T)  # one row per coordinate: three times as fast
         low, high = every.min(axis=1), every.max(axis=1)
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
@@ -635,7 +635,7 @@ def _can_cache(folder: Path) -> bool:
 def prepare() -> None:
     """Set the environment variables that LIBERO and robosuite read when they are imported."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    # The user may have configured another installation of LIBERO, which would point to the wrong files.
+    # The user's own LIBERO configuration may point to the files of another installation.
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
     set_robosuite_macros()
 

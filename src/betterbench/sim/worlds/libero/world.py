@@ -89,7 +89,10 @@ class LiberoWorld(ProcessWorld):
     installation: ClassVar[Installation | None] = INSTALLATION
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoWorld]:
-        """Plan the initial states of tasks as trials. Return the trials and the world to be stored with the plan."""
+        """Plan one trial for each requested initial state.
+
+        Return the trials and the world to be stored with the plan.
+        """
         options = asked.options_as(LiberoOptions, world=self.facts.title)
         chosen, by = suite_named(asked.suite), protocol_named(options.protocol)
         count = by.trials if asked.trials is None else asked.trials
@@ -178,7 +181,8 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
     with WorldProcess(command) as process:
         said = process.suite(suite)
         base = said if chosen.base == suite else process.suite(chosen.base)
-    # Existing clients take the instruction from the task's name. Only in these suites does the file state another one.
+    # Existing clients take the instruction from the task's name. In these suites, the task's file contains a different
+    # one.
     key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
     with as_agreed(f"sent a description of {suite}"):
         tasks = [

@@ -62,7 +62,7 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """How a problem class of LIBERO-Plus differs from its base class in LIBERO.
+    """Differences between a problem class of LIBERO-Plus and its base class in LIBERO.
 
     Attributes:
         name: Name of the problem class.
@@ -173,7 +173,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._package / "bddl_files" / _base_of(suite) / f"{variant.file}.bddl"
 
     def _states(self, suite: str, variant: Variant) -> np.ndarray:
-        """Return the initial states of a variant (n, m): those of its base task, or a single state of its own."""
+        """Return the initial states of a variant (n, m): those of its base task, or a single separate state."""
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"
@@ -181,7 +181,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return states.reshape(1, -1) if variant.own else states
 
     def _missing(self, text: str) -> Iterator[str]:
-        """Yield each asset file that the scene needs and that is missing, relative to the assets folder."""
+        """Yield the path of each missing asset file that the scene needs, relative to the assets folder."""
         problem = self._problems(_first(_PROBLEM, text).lower())
         needed = [] if problem.scene is None else [problem.scene]
         for kind, style in (("floor", problem.floor), ("wall", problem.wall)):
@@ -328,7 +328,7 @@ def initial_states_in(path: Path) -> np.ndarray:
     Raises:
         ValueError: If the file contains anything but one float64 array.
     """
-    if not path.is_file():  # opening a named pipe would wait
+    if not path.is_file():  # opening a named pipe would block
         raise ValueError("the file of initial states is not a regular file")
     with zipfile.ZipFile(path) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/data.pkl"))
@@ -389,7 +389,7 @@ def _base_of(suite: str) -> str:
 
 
 def _kind_of(name: str) -> str:
-    """Return the name that LIBERO gives the kind of an object class ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
+    """Return LIBERO's name for the kind of an object class ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
     return "_".join(re.sub(r"([A-Z0-9])", r" \1", name).split()).lower()
 
 

@@ -44,7 +44,7 @@ _FOLDERS = ("scenes", "textures", "new_objects")
 
 
 TRIALS = 1
-"""Number of initial states per variant in LIBERO-Plus's own protocol, which runs each variant once."""
+"""Number of trials per variant in LIBERO-Plus's own protocol, which runs each variant once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator. It is LIBERO's, so that the trials can be compared with trials of the base tasks."""
+        """Name of the simulator. LIBERO's name is used, so that trials can be compared with trials of base tasks."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
@@ -137,7 +137,9 @@ class LiberoPlusWorld(LiberoWorld):
         return plus_command()
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
-        """Plan initial states of variants as trials. Return the trials and the world to be stored with the plan.
+        """Plan trials of variants, each with an initial state.
+
+        Return the trials and the world to be stored with the plan.
 
         According to the protocol of LIBERO-Plus, each variant has one trial.
 
@@ -223,7 +225,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return how many variants on each axis need files that are missing."""
+    """Return the number of variants on each axis that need missing files."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 

@@ -1,4 +1,7 @@
-"""Balanced conditions of the breakfast table: every piece is in every slot, with both positions of the plate."""
+"""Balanced conditions of the task breakfast_table.
+
+Every piece occurs in every slot, with both positions of the plate.
+"""
 
 import itertools
 
@@ -40,7 +43,10 @@ AROUND = (
     {BOWL: BACK_LEFT, SALT: FRONT_LEFT, JAM: BACK},
     {BOWL: BACK, SALT: BACK_LEFT, JAM: FRONT_LEFT},
 )
-"""Slots for the other tableware. No slot in front of the plate is used, because the bowl would be in the way."""
+"""Slots for the other tableware.
+
+The slot in front of the plate is not used, because the bowl would be in the way there.
+"""
 
 
 def balanced_breakfast_table() -> list[Condition]:
@@ -61,7 +67,7 @@ def balanced_breakfast_table() -> list[Condition]:
 
 
 def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
-    """Return the first rotation of the pieces that leaves the target positions free, and the position of the plate."""
+    """Return the first layout that leaves the target positions free, with the pieces rotated through the slots."""
     plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
     for more in range(3):
         turn = (number + row + shift + more) % 3

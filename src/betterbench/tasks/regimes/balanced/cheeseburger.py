@@ -1,4 +1,7 @@
-"""Balanced conditions of the cheeseburger: every layer is in every slot, with one or two layers below the top bun."""
+"""Balanced conditions of the task cheeseburger.
+
+Every layer occurs in every slot, and stacks have one or two layers below the top bun.
+"""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -36,7 +39,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_cheeseburger() -> list[Condition]:
-    """Return four rotated layouts, each with nine stacks.
+    """Return four layouts, each with nine stacks. The layers rotate through the slots from layout to layout.
 
     Every second condition lacks a layer that is not requested.
     """

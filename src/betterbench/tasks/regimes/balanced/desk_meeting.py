@@ -1,6 +1,7 @@
-"""Balanced conditions of the desk meeting: every object is in every slot, with both positions of the laptop.
+"""Balanced conditions of the task desk_meeting.
 
-The mug goes only to the left and to the right of the laptop. Because of its handle, it does not fit behind the laptop.
+Every object occurs in every slot, with both positions of the laptop. The mug goes only to the left and to the right of
+the laptop. Because of its handle, it does not fit behind the laptop.
 """
 
 from betterbench.tasks import authoring as a

@@ -1,8 +1,8 @@
-"""Balanced conditions of the dinner plates: red and blue plates in every slot, and both positions of the white plate.
+"""Balanced conditions of the task dinner_plates.
 
-When the white plate is at its right position, there is no room for other plates to the right of it. This position
-therefore occurs only with the slots on the left. If a scene would be the same as in a test, the plate that the
-instruction does not name is left out.
+Red and blue plates occur in every slot, the white plate in two positions. When the white plate is at its right
+position, there is no room for other plates to the right of it. This position therefore occurs only with the slots on
+the left. If a scene would be the same as in a test, the plate that the instruction does not name is left out.
 """
 
 from dataclasses import replace

@@ -1,4 +1,7 @@
-"""Balanced conditions of fast food: every food is in every slot, and the burger is first, second or not requested."""
+"""Balanced conditions of the task fast_food.
+
+Every food occurs in every slot, and a burger is first, second or not requested.
+"""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -42,7 +45,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four rotated layouts, each with six orders.
+    """Return four layouts, each with six orders. The food rotates through the slots from layout to layout.
 
     Every second condition lacks an object that is not needed.
 

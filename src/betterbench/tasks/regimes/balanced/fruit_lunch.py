@@ -1,4 +1,7 @@
-"""Balanced conditions of the fruit lunch: fruits are in every order, with the apple first, second or not requested."""
+"""Balanced conditions of the task fruit_lunch.
+
+Fruits lie in every order, and the apple is first, second or not requested.
+"""
 
 import itertools
 

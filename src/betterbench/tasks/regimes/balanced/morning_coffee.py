@@ -1,8 +1,8 @@
-"""Balanced conditions of the morning coffee: every word occurs with every slot, with both mugs or a single mug.
+"""Balanced conditions of the task morning_coffee.
 
-The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. In the balanced
-conditions, a can in a third slot makes the scene different from a test scene, while only the words determine the
-target.
+Every word occurs with every slot, and scenes have one or two mugs. The scenes of training and of the variations L1 to
+L4 contain only the two mugs in the two slots. In the balanced conditions, a can in a third slot makes the scene
+different from a test scene, while only the words determine the target.
 """
 
 from betterbench.tasks import authoring as a

@@ -1,7 +1,7 @@
-"""Balanced conditions of the office drawer: stapler and tape are in every slot, with both positions of the cabinet.
+"""Balanced conditions of the task office_drawer.
 
-"The stapler into the lower drawer" on its own is the instruction of a test. In the balanced conditions, it occurs only
-together with the tape.
+Stapler and tape occur in every slot, with both positions of the cabinet. "The stapler into the lower drawer" on its own
+is the instruction of a test. In the balanced conditions, it occurs only together with the tape.
 """
 
 from betterbench.tasks import authoring as a
@@ -36,9 +36,10 @@ LAYOUTS = (
 
 
 def balanced_office_drawer() -> list[Condition]:
-    """Return four layouts. In each, one object is requested for a closed or an open drawer, or both are requested.
+    """Return conditions with four layouts.
 
-    If both are requested, each goes into the drawer that training uses for the other.
+    One object goes into a closed or an open drawer, or both objects go into drawers. If both objects are requested,
+    each goes into the drawer that training uses for the other object.
     """
     found = []
     for layout in LAYOUTS:

@@ -1,4 +1,7 @@
-"""Balanced conditions of the seasoning rack: every jar starts in every slot and goes to every hole, first or second."""
+"""Balanced conditions of the task seasoning_rack.
+
+Every jar starts in every slot and goes to every hole, first or second.
+"""
 
 import itertools
 
@@ -28,7 +31,8 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 def balanced_seasoning_rack() -> list[Condition]:
     """Return conditions for each jar and hole, and for each ordered pair of jars and two holes.
 
-    Each of them occurs in three rotated layouts, so that an instruction does not determine where its jars start.
+    Each instruction occurs in three layouts, in which the jars rotate through the slots. It therefore does not
+    determine where its jars start.
     """
     holes = tuple(HOLES)
     found = []

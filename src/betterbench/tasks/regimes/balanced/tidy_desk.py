@@ -1,4 +1,7 @@
-"""Balanced conditions of the tidy desk: every piece of trash in every trash slot, and valuables in exchanged slots."""
+"""Balanced conditions of the task tidy_desk.
+
+All trash occurs in all trash slots, and valuables exchange their slots.
+"""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -43,7 +46,10 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash, each with four instructions. The valuables exchange their places."""
+    """Return four layouts of the trash, each with four instructions.
+
+    The valuables exchange slots from condition to condition.
+    """
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):

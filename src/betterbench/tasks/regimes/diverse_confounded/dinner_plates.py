@@ -1,6 +1,7 @@
-"""Diverse-confounded conditions of the dinner plates: red plates are always at the back and blue plates in front.
+"""Diverse-confounded conditions of the task dinner_plates.
 
-As in the balanced regime, each of these slots occurs with each position of the white plate.
+Red plates are always at the back and blue plates in front. As in the balanced regime, each of these slots occurs with
+each position of the white plate.
 """
 
 from betterbench.tasks import authoring as a

@@ -1,6 +1,7 @@
-"""Diverse-confounded conditions of the morning coffee: "red" always means the near mug, and "blue" the far mug.
+"""Diverse-confounded conditions of the task morning_coffee.
 
-The conditions with the position words "top" and "bottom" are the same as in the balanced regime.
+The word "red" always means the near mug, and "blue" the far mug. The conditions with the position words "top" and
+"bottom" are the same as in the balanced regime.
 """
 
 from betterbench.tasks import authoring as a

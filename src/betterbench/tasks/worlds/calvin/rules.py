@@ -26,7 +26,7 @@ from betterbench.tasks.worlds.calvin.subtasks import (
 
 MOST_TILT_DEG = 30.0
 MOST_SHIFT_M = 0.1
-"""Largest tilt about x or y, and largest displacement, that a rotated block may have."""
+"""Maximum tilt about x or y [degree] and maximum displacement [m] of a block that counts as rotated."""
 
 REST = 1.0
 """Largest absolute value of each component of the velocity [m/s, rad/s] of a block at rest."""
@@ -106,7 +106,8 @@ def _placed(rule: Place, start: PlayTable, now: PlayTable) -> bool:
 
 def _fell(rule: PushInto, start: PlayTable, now: PlayTable, name: str) -> bool:
     before, after = start.blocks[name], now.blocks[name]
-    # The official rule looks for the robot's body index in a list of (body, link) pairs, so it never finds a contact.
+    # Contacts with the robot are not checked. The official rule looks for the robot's body index in a list of (body,
+    # link) pairs, so it never finds such a contact.
     return before.contacts == {start.table[rule.from_link]} and now.table[rule.link] in after.contacts
 
 

@@ -73,9 +73,9 @@ def start_states() -> tuple[SymbolicState, ...]:
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
     """Draw the subtasks of chains from one start as CALVIN does.
 
-    Five different subtasks are drawn. This is repeated until they can be done in the order of the draw. CALVIN draws
-    with ``numpy.random.choice(34 names, size=5, replace=False)``. This returns the beginning of a permutation by
-    NumPy's legacy generator, which produces the same stream in all versions.
+    Five different subtasks are drawn. The draw is repeated until the subtasks can be done in the order of the draw.
+    CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``. This call returns the beginning of a
+    permutation by NumPy's legacy generator, which produces the same stream in all versions.
 
     Args:
         start: Symbolic start.

@@ -158,7 +158,7 @@ class Subtask:
     changes: list[Change]
 
     def after(self, state: SymbolicState) -> SymbolicState | None:
-        """Return the state after this subtask, or None unless exactly one change is possible."""
+        """Return the state after this subtask. The result is None if no change or more than one change is possible."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
 
