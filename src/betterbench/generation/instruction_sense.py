@@ -47,7 +47,7 @@ home family child kid customer condiment bottle worker one rest workspace trash 
 shelf coffee tea clutter workstation service seasoning spout tray
 """
 PLACES = frozenset(_PLACES_WORDS.split())
-"""Heads of noun phrases that name a place, an occasion or objects in general."""
+"""Head nouns that name a place, an occasion or objects in general."""
 
 Found = tuple[str, str, str]
 
@@ -73,8 +73,8 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
     """Yield the problems with the form of an instruction, each with a remedy.
 
-    ``read`` is the sentence without the clauses about the direction of cutlery, since these do not count toward its
-    length.
+    ``read`` is the sentence without the clauses about the direction of cutlery, because these clauses do not count
+    toward the length of the sentence.
     """
     words = re.findall(r"[\w'-]+", read)
     if not text.endswith(".") or text.count(".") > 1:

@@ -12,7 +12,7 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 FREE_M = 0.002
-"""Minimum distance between two objects, whatever the jitter of their slots [m]."""
+"""Minimum distance between two objects at the largest jitter of their slots [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Table:
 
     Attributes:
         starts: Slots that objects are picked from. The slots of several layouts are listed one after the other.
-        stands: Slots for the target.
+        stands: Slots for the target, such as a container.
         besides: Slots for objects that are not moved.
     """
 

@@ -29,8 +29,9 @@ LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_T
 MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
 """Maximum numbers of groups per scenario, objects per group, and tags per object."""
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
-"""Upper bounds of the size [m] and the mass [kg] in a scenario. The limits of the robot are checked in
-:mod:`~betterbench.generation.sense`.
+"""Upper bounds of the size [m] and the mass [kg] in a scenario.
+
+The limits of the robot are checked in :mod:`~betterbench.generation.sense`.
 """
 
 _PUNCTUATION = frozenset(" ,.'-()%:")
@@ -107,7 +108,7 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as a JSON-serializable dict, like the one in a model's answer.
+    """Return a scenario as a JSON-serializable dict in the format of a model's answer.
 
     It contains only the fields that the paper defines.
     """

@@ -59,7 +59,7 @@ def is_plural_form(word: str) -> bool:
 
 
 NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
-"""Number words that may state the number of objects in a scene, with the number."""
+"""Value of each number word that may state the number of objects in a scene."""
 
 
 def number_before(raw: list[str], at: int) -> str:

@@ -1,8 +1,8 @@
 """Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
-It is used to check scenarios that a model wrote: whether each object belongs to its group, and whether the instruction
-names a missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in a group if
-one of its tags names an allowed type.
+The vocabulary is used to check scenarios written by a model: whether each object belongs to its group, and whether the
+instruction names a missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in
+a group if one of its tags names an allowed type.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
     """Return the nouns that can refer to a type, as tuples of words.
 
-    They include the name of the type. For an unknown type, return only its name.
+    The nouns include the name of the type. For an unknown type, only this name is returned.
     """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
@@ -157,7 +157,7 @@ def collective(noun: str) -> frozenset[tuple[str, ...]]:
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
     """Return the known nouns in a list of words, with the index of the first word of each noun.
 
-    Longer nouns are preferred.
+    Where nouns overlap, the longer noun is returned.
     """
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0

@@ -79,7 +79,10 @@ REMARKS = frozenset(
         ),
     )
 )
-"""Codes of remarks on the import, the file format or undecided cases. All other codes are faults of the task."""
+"""Codes of findings that are only remarks on the import, the file format or undecided cases.
+
+All other codes are faults of the task.
+"""
 
 _SAME_POSE_M = 0.005
 _FOUND_BY = {"search": "found by its words", "class": "found by its class", "given": "given"}
@@ -264,7 +267,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the rules
 
     def rules(self, variation: Resolved) -> Iterator[Finding]:
-        """Find missing fail predicates, and goals or fail predicates that already hold in the initial scene."""
+        """Find missing fail predicates, and success or fail predicates that already hold in the initial scene."""
         movable = [n for n in variation.active if n not in variation.goals and n != variation.container]
         derived = len(variation.groups["fail"]) * len(self.task.task.defaults.fail_policy.fail_on_relations)
         numbers = {"fail_predicates": len(variation.fail), "objects_without_rule": len(movable)}

@@ -31,16 +31,18 @@ placement.
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
 """Position jitter of the slots of objects, and of the slots of targets [m]."""
 GAP_M = 0.04
-"""Clearance between two objects [m]: a finger, plus the jitter of both."""
+"""Clearance between two objects [m]: the thickness of a finger plus the position jitter of both objects."""
 TARGET_GAP_M = 0.05
-"""Clearance between an object and a target [m]: finger and palm next to a container wall."""
+"""Clearance between an object and a target [m]. The finger and the palm must fit next to a container wall."""
 NEAR_X_M, FAR_X_M = 0.36, 0.69
-"""Range of distances of the suite's pick slots from the robot base [m]."""
+"""Minimum and maximum distance of the suite's pick slots from the robot base along x [m]."""
 FAR_TARGET_X_M = 0.60
-"""Maximum distance of the center of a target from the robot base [m]."""
+"""Maximum distance between the center of a target and the robot base along x [m]."""
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
-"""Limit of |y| for positions that the front camera sees: 0.36 - 0.19 x [m]. It includes a margin of 8 mm for all camera
-jitters and 1 cm for slot jitter. A test compares the limit with the camera.
+"""Maximum |y| of positions in view of the front camera: 0.36 - 0.19 x [m].
+
+The limit includes a margin of 8 mm for camera jitter and 1 cm for slot jitter. A test compares the limit with the
+camera.
 """
 FRONT_CAMERA_M = (1.45, 0.0, 0.95)
 """Position of the front camera in the world frame [m]. A test compares it with the camera in the scene."""
@@ -90,11 +92,11 @@ class PlacedSlots:
 
     Attributes:
         slots: Slots by name.
-        of: Name of the slot for each pair of variation and object.
+        of: Name of the slot for each pair of a variation and an object.
         moved_m: Distance of each slot from its position in the release [m].
         crowded: Pairs of slots in the same scene that could not be moved far enough apart, with the missing distance
             [m].
-        hidden: Pairs of variation and object where the target hides the object's center from the front camera.
+        hidden: Pairs of a variation and an object whose center is hidden from the front camera by the target.
     """
 
     slots: Mapping[str, Slot]
@@ -182,7 +184,7 @@ def _open_yaw(
 ) -> float:
     """Return the target heading that hides the fewest goal objects from the camera [rad].
 
-    Among equally good headings, the one that is usual in the suite is preferred.
+    Among equally good headings, the usual heading in the suite is preferred.
     """
     if name not in matches:
         return 0.0

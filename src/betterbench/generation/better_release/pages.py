@@ -22,7 +22,7 @@ class Imported:
     """Imported release task, with its library assets and the results of the audit and the certification.
 
     Attributes:
-        certificate: Certification results by condition of our task. Empty if the task was not certified.
+        certificate: Certification result of each condition of our task. Empty if the task was not certified.
     """
 
     release: ReleaseTask

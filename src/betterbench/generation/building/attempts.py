@@ -29,16 +29,16 @@ from betterbench.tasks.interventions import vary
 
 _UNSEEN = "a training condition is not in view"
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
-"""Minimum numbers of variations of a task, and of axes among them."""
+"""Minimum number of variations of a task, and minimum number of axes that they cover."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """Change to a task that is tried after an attempt has failed.
+    """Change to a task that is tried after an attempt to build the task has failed.
 
     Attributes:
         words: Description of the change.
-        slots: Seed for drawing the slots.
+        slots: Seed for choosing the slots at random.
         assets: Index of the choice of assets, starting at 0. Each choice uses different assets.
         demonstrations: Factor for the number of demonstrations.
     """
@@ -56,8 +56,10 @@ CHANGES = (
     _Change("other slots", slots=2),
     _Change("other assets for the same descriptions", assets=1),
 )
-"""Changes in the order in which they are tried. More demonstrations help only if a pose is outside the training
-distribution (clause b)."""
+"""Changes in the order in which they are tried.
+
+More demonstrations help only if a pose is outside the training distribution (clause b).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,7 @@ def build_task(
 
 
 def _problem_of(scenario: Scenario) -> str:
-    """Return the reason why no attempt can turn a scenario into a task, or an empty string if it is worth trying."""
+    """Return the reason why no task can be built from a scenario, or an empty string if an attempt may succeed."""
     try:
         require_groups(scenario)
     except BetterError as error:

@@ -12,11 +12,11 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.terms import terms
 
 SYNONYMS = 2
-"""Number of tags of an asset, from the first one, that are always accepted as its names."""
+"""Number of leading tags of an asset that are always accepted as names of the asset."""
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return a noun phrase for each object. It includes the color if the noun alone would be ambiguous."""
+    """Return a noun phrase for each object, including the color if the noun alone would be ambiguous."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):

@@ -1,4 +1,4 @@
-"""Author that needs no language model. It uses a seed to draw scenarios from the themes of a template."""
+"""Author that writes scenarios without a language model. It draws them at random from the themes of a template."""
 
 from __future__ import annotations
 
@@ -19,10 +19,13 @@ from betterbench.sim.assets.catalogue.terms import terms
 MOST_SCENARIOS = 10_000
 """Maximum number of scenarios that one call may request."""
 _COMPARED = 400
-"""Number of candidates drawn from a theme. The candidate least similar to earlier scenarios is used."""
+"""Number of candidate scenarios drawn from a theme. The candidate least similar to earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Objects by group, ignoring their order. Near-duplicates have equal keys."""
+"""Key of the objects chosen for each group, ignoring the order of the objects.
+
+Near-duplicate choices have equal keys.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +55,7 @@ def grammar_of(template: str) -> Grammar:
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return a key for a choice of objects.
+    """Return a key that identifies a choice of objects.
 
     Choices with the same categories and colors in each group have the same key.
     """
@@ -114,7 +117,7 @@ def _drawn(
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
     uses: Counter[object] = Counter()
-    known: dict[int, tuple[tuple[object, int], ...]] = {}  # by identity: most choices are compared many times
+    known: dict[int, tuple[tuple[object, int], ...]] = {}  # cache by object identity
 
     def repetition(choice: Choice) -> int:
         if id(choice) not in known:

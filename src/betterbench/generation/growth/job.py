@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
 Scenarios are drawn in rounds. Each draw depends on the seed, the tasks accepted in earlier rounds, and the earlier
-draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built.
-Running the same command again therefore resumes an interrupted job and produces the same files.
+draws of the same round, but not on the number of workers or on timing. A drawn scenario is stored before its task is
+built. Running the same command again therefore resumes an interrupted job and produces the same files.
 """
 
 from __future__ import annotations
@@ -43,8 +43,10 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat
 
 ROUND = 32
-"""Number of scenarios per round. Results are taken into account after each round. Since the number does not depend on
-the number of workers, the resulting suite does not either.
+"""Number of scenarios per round.
+
+The results of a round affect the next draws only when the whole round has finished. The number is the same for any
+number of workers, so the resulting suite does not depend on the number of workers.
 """
 ATTEMPTS_PER_TASK = 3
 """Default maximum number of built scenarios per requested task."""
@@ -62,8 +64,8 @@ class GrowSettings:
         until: Number of certified tasks. The growth stops when the suite has this number of tasks.
         author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
         build: Number of seeds to certify, and number of demonstrations.
-        quotas: Minimum and maximum amounts that the suite must have.
-        distinct: What near-duplicate tasks have in common: the categories of their objects ("categories"), or the
+        quotas: Minimum and maximum amounts that the suite must satisfy.
+        distinct: Definition of near-duplicate tasks: their objects have the same categories ("categories"), or the same
             categories and colors ("colors").
         unlike: Suites to compare with: "better60", or folders. Near-duplicates of their tasks are left out.
         max_attempts: Maximum number of scenarios that are built. If it is None, three are built per requested task.
@@ -138,7 +140,7 @@ class PreparedGrowth:
 
     Attributes:
         settings: Settings that were checked.
-        known: Names of the tasks in other suites, by their near-duplicate key (see ``likeness``).
+        known: Names of the tasks in other suites, by near-duplicate key (see ``likeness``).
         offline: Author that uses the grammar. None if a model is used.
     """
 
@@ -177,7 +179,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Supply of scenarios from a model. It is assumed to be unlimited."""
+    """Supply of scenarios from a model, which is assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates

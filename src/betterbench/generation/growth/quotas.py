@@ -39,7 +39,7 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 class Quota:
     """Minimum and maximum amount of tasks or variations with a property.
 
-    An example is at least 20 % of the tasks for one template.
+    For example, at least 20 % of the tasks must use one template.
 
     Attributes:
         kind: Property, such as "template".
@@ -190,7 +190,7 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """What is known about the scenarios that an author can write."""
+    """Templates, contexts and number of the scenarios that an author can write."""
 
     @property
     def templates(self) -> Sequence[str]:
