@@ -66,7 +66,7 @@ class JudgeDesk:
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)
-        self._made: list[str] = []  # trials with an entry from this session, for undo
+        self._made: list[str] = []  # trials with an entry made in this session, for undo
         self.message, self.is_problem = "", False
         self.index = next((k for k, trial in enumerate(self.trials) if trial.code not in self._mine), 0)
 

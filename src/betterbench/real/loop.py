@@ -1,4 +1,4 @@
-"""Execution of one trial: the arm moves to the initial pose, follows the policy, is recorded, and is stopped.
+"""Execution of one trial: move the arm to the initial pose, run the policy, record the motion, and stop the arm.
 
 The loop never waits for the policy. If no action arrives, the arm first completes the last command and then, after the
 watchdog time, holds its measured position. The software switch is turned off at the end of every trial: the arm holds
@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """Error for an aborted attempt, which is discarded and repeated. The message states why it was aborted."""
+    """Error for an aborted attempt at a trial. The attempt is discarded and repeated. The message states the reason."""
 
 
 @dataclass(slots=True)

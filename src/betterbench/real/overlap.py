@@ -6,8 +6,8 @@ removed, and each channel is scaled, so that the result does not depend on the b
 highest similarity gives the position of the object, which is converted to centimeters on the table by the camera
 geometry.
 
-The correlation compares shapes and color contrasts. It cannot detect additional objects. The color of the tablecloth is
-compared next to the objects, by the ratio of green to blue.
+The correlation compares shapes and color contrasts. It cannot detect additional objects. The ratio of green to blue
+next to the objects is used to compare the color of the tablecloth.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from betterbench.errors import InvalidInputError
 from betterbench.real.twin import TwinView
 
 FOUND = 0.6
-"""Minimum correlation at the best shift at which an object is considered found."""
+"""Minimum correlation at the best shift for an object to be considered found."""
 MOST_OFF_M = 0.015
-"""Maximum distance of an object from its planned position [m]. Slots have a jitter of 10 mm, and people align objects
-with the overlay by eye."""
+"""Maximum distance of an object from its planned position [m].
+
+Slots have a jitter of 10 mm, and people align objects with the overlay by eye.
+"""
 SEARCH_M = 0.07
-"""Distance from the planned position up to which an object is searched for, in each direction [m]."""
+"""Half width of the area around the planned position in which an object is searched for [m]."""
 BORDER_PX = 5
 """Width of the border around an object that is included in the comparison [pixels]."""
 COARSE_PX = 3
@@ -33,11 +35,12 @@ COARSE_PX = 3
 SAMPLES = 400
 """Maximum number of pixels that are compared per object."""
 CLOTH_RATIO = 0.45
-"""Maximum difference in log(green / blue) between the tablecloths of the live and the rendered image. The blue and the
-green cloth differ by 0.94, and a warm lamp (green 0.9, blue 0.75) changes the value by 0.18.
+"""Maximum difference in log(green / blue) between the tablecloths of the live and the rendered image.
+
+The blue and the green cloth differ by 0.94, and a warm lamp (green 0.9, blue 0.75) changes the value by 0.18.
 """
 LEAST_PX = 25
-"""Minimum visible area of an object that is compared [pixels]. Smaller objects are left out."""
+"""Minimum visible area for an object to be compared [pixels]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,8 @@ class ObjectAgreement:
         name: Name of the object.
         score: Correlation at the planned position, from 0 to 1.
         best: Correlation at the position where it is highest.
-        off_m: Offset of this position from the planned one, along x (away from the arm) and y (to the arm's left) [m].
+        off_m: Offset of the position with the highest correlation from the planned position, along x (away from the
+            arm) and y (to the arm's left) [m].
     """
 
     name: str
@@ -104,7 +108,7 @@ class Agreement:
 
     @property
     def score(self) -> float:
-        """Lowest score of the compared objects, from 0 to 1; 1 if no object was compared."""
+        """Lowest score among the compared objects, from 0 to 1; 1 if no object was compared."""
         return min((o.score for o in self.objects), default=1.0)
 
     @property
@@ -168,7 +172,7 @@ def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> ObjectAgreement:
-    """Return the agreement for one object. A coarse search for the image shift is followed by a fine one."""
+    """Return the agreement for one object. A coarse search for the image shift is followed by a fine search."""
     motion = twin.pixels_per_m[name]
     reach = np.ceil(np.abs(motion).sum(axis=1) * SEARCH_M).astype(int)
     rows, columns = np.nonzero(_grown(mask))

@@ -1,4 +1,4 @@
-"""An operator's session: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
+"""Session of an operator: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
 
 All work is done in the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
 the queue of this thread. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
@@ -130,7 +130,7 @@ class _Shown:
 class RealSession:
     """Session in which an operator runs the trials of a protocol.
 
-    If used as a context manager, it is closed at the end.
+    A session can be used as a context manager, which closes it at the end.
 
     Raises:
         RunConflictError: If another process is running the protocol.
@@ -218,7 +218,7 @@ class RealSession:
         if self._shown.stage is Stage.RUNNING:
             if command.name == "end":
                 self.controls.end.set()
-            return  # a queued switch-on would take effect after the trial
+            return  # a queued command to switch on would take effect after the trial
         try:
             self._commands.put_nowait((self._halts, command))
         except queue.Full:
@@ -320,7 +320,7 @@ class RealSession:
         steps, view = self._twin.steps(trial), self._twin.view(trial)
         if stage is Stage.SETUP:
             self._robot.set_up(trial)
-        self._agreement = self.reading = None  # of the previous scene
+        self._agreement = self.reading = None  # the agreement of the previous scene
         self._shown = _Shown(trial, stage, steps, view)
         if stage is Stage.SETUP:
             number = self.plan.trials.index(trial) + 1

@@ -2,7 +2,7 @@
 
 The state consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been
 saved. It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of
-edit, or together with a verdict.
+edit, or when the person gives a verdict.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         return sum(verdict is not None for verdict in self.verdicts())
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each object in the queue. It is None for objects without a verdict."""
+        """Return the current verdict on each object in the queue, or None for objects without a verdict."""
         return [self.journal.history(item.content).verdict for item in self.queue]
 
     @property

@@ -16,7 +16,7 @@ _MOST_BYTES = 64 << 20
 _MOST_PIXELS = 64_000_000
 """Maximum number of pixels in an image, which is more than most phone cameras have."""
 _WARM_UP = 15
-"""Number of frames that are captured until exposure and focus have settled. The last one is used."""
+"""Number of frames that are captured until exposure and focus have settled. The last frame is used."""
 
 
 def image_of(path: Path) -> np.ndarray:
