@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
-"""Maximum length of a message or table cell [characters]. Only external text (files, servers) can be longer."""
+"""Maximum length of a message or table cell [characters]. Only text from files and servers can be longer."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """Pattern of a numeric cell. Numeric columns are right-aligned."""
@@ -91,7 +91,7 @@ def _replaced(problem: UnicodeError) -> tuple[str, int]:
 
 
 def make_streams_patient() -> None:
-    """Make standard output and standard error replace the characters that they cannot encode.
+    """Configure standard output and standard error to replace characters that they cannot encode.
 
     An ASCII terminal, for example, cannot encode a dash or a degree sign.
     """
@@ -103,7 +103,7 @@ def make_streams_patient() -> None:
 
 _STAND_IN = "betterbench-stand-in"
 
-_documents: list[TextIO] = []  # the reserved stream for the JSON document
+_documents: list[TextIO] = []  # the stream reserved for the JSON document
 
 
 @contextmanager
@@ -194,13 +194,13 @@ def print_item(text: str, *, indent: int = 0) -> None:
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, wrapped at words on a terminal.
 
-    If ``whole`` is set, lines are not wrapped, so that a path in the message can be copied.
+    If ``whole`` is set, the message is not wrapped, so that a path in the message can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
 
 def complain(problem: str) -> None:
-    """Print an error message on standard error. It stays on one line even if a name in it contains line breaks."""
+    """Print an error message on one line of standard error, even if a name in the message contains line breaks."""
     from rich.text import Text
 
     ERR.print(

@@ -48,7 +48,7 @@ class Outlook:
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Record how many steps this session has executed so far, and the current time ``now_s`` [s]."""
+        """Record the number of steps that this session has executed so far, and the current time ``now_s`` [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:

@@ -88,10 +88,10 @@ def write_metrics(
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
     """Write the event file.
 
-    It replaces the file of an earlier export, because TensorBoard would otherwise show both files.
+    The file of an earlier export is replaced, because TensorBoard would show both files.
 
-    The events are written without the writer thread of ``SummaryWriter``: on a full disk, that thread dies, and the
-    next call waits for it forever.
+    The events are written without the writer thread of ``SummaryWriter``, because this thread dies if the disk is full,
+    and the next call would then wait forever.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # protobuf warns at import
@@ -134,17 +134,17 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
     ) as apart:
         offline = wandb.setup().settings.mode == "offline"
-        quiet = wandb.Settings(silent=True) if offline else None  # wandb's hint would print the temporary folder
+        quiet = wandb.Settings(silent=True) if offline else None  # the hint names the temporary folder
         with wandb.init(
             project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
         ) as run:
             run.summary.update(numbers)
             run.log({"trials": wandb.Table(columns=columns, data=rows)})
-        wandb.teardown()  # wandb's process writes until this call
+        wandb.teardown()  # wandb's process may write files until this call
         _require_room(place, room)
         place.mkdir(exist_ok=True)
         for made in (Path(apart) / "wandb").iterdir():
-            if made.is_dir() and not made.is_symlink():  # wandb's link to the latest run is skipped
+            if made.is_dir() and not made.is_symlink():  # skip wandb's link to the latest run
                 made.replace(place / made.name)
                 if offline:
                     say(f"send it with: {shell_line(['wandb', 'sync', place / made.name])}", whole=True)

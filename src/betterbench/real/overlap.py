@@ -6,8 +6,8 @@ removed, and each channel is scaled, so that the result does not depend on the b
 highest similarity gives the position of the object, which is converted to centimeters on the table by the camera
 geometry.
 
-The correlation compares shapes and color contrasts. It cannot detect additional objects. The ratio of green to blue
-next to the objects is used to compare the color of the tablecloth.
+The correlation compares shapes and color contrasts. It cannot detect additional objects. The colors of the two
+tablecloths are compared by their ratio of green to blue next to the objects.
 """
 
 from __future__ import annotations

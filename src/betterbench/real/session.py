@@ -320,7 +320,7 @@ class RealSession:
         steps, view = self._twin.steps(trial), self._twin.view(trial)
         if stage is Stage.SETUP:
             self._robot.set_up(trial)
-        self._agreement = self.reading = None  # the agreement of the previous scene
+        self._agreement = self.reading = None  # these belong to the previous scene
         self._shown = _Shown(trial, stage, steps, view)
         if stage is Stage.SETUP:
             number = self.plan.trials.index(trial) + 1

@@ -21,8 +21,8 @@ WRONG_SHOWN = 12
 def print_calibration(found: Calibration) -> None:
     """Print a table of labels, and examples of wrong labels.
 
-    For each label, the table shows the recall (how often the label is assigned when it is the true one) and the
-    precision (how often it is correct when it is assigned).
+    For each label, the table shows the recall (the fraction of trials with this true label that get the label) and the
+    precision (the fraction of trials with the assigned label for which it is correct).
     """
     rows = [
         [

@@ -119,7 +119,7 @@ def build_and_tell(
         cards, matrix = {}, None
         if built.suite is not None:
             cards = draw_cards(built, out)
-            if build.power:  # measuring the power takes longest, and the suite can already be used and inspected
+            if build.power:  # write a page first, because measuring takes long
                 say(f"page without power: {write_build_page(built, out / PAGE, settings=settings, cards=cards)}")
                 matrix = power_of_suite(built, out, build.power, build.processes)
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)

@@ -81,7 +81,7 @@ def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan
         )
     tasks = {} if suite is None else {"tasks": list(suite_tasks(suite))}
     if file is not None:
-        read = read_yaml(file, cure=CURE, deepest=8)  # camera views are nested
+        read = read_yaml(file, cure=CURE, deepest=8)  # camera views are nested deeply
         return read_study_plan({**read, **tasks}, where=str(file))
     import yaml
 

@@ -66,10 +66,11 @@ class Recipe:
         name: Name of the recipe, which is used in the names of configurations and folders.
         benchmark: Benchmark whose demonstrations are used for training.
         form: Content of the user's recipe file.
-        fixed: Default values of ``steps`` and ``batch``, for files that do not set them. Each value is stored with its
-            source and the passage in the source.
+        fixed: Default values of ``steps`` and ``batch``, for recipe files that do not set them, each with its source
+            and the passage in the source.
         frozen: Frozen parts of the backbone by framework, with the passage in the paper.
-        policies: Steps and batch size by policy type, for the policy types of LeRobot that have a different recipe.
+        policies: Number of steps and batch size by policy type, for the policy types of LeRobot whose recipe differs
+            from ``fixed``.
     """
 
     name: str
@@ -98,7 +99,8 @@ class Recipe:
         """Return the number of steps between two checkpoints, chosen so that the last step is saved.
 
         Args:
-            usual: Preferred number of steps, which is used if it divides the total number of steps.
+            usual: Preferred number of steps between two checkpoints, which is used if it divides the total number of
+                steps.
         """
         return usual if self.steps % usual == 0 else self.steps
 

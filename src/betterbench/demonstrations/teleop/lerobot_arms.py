@@ -18,7 +18,7 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.installation import missing_packages
 
 RETRIES = 2
-"""Number of retries after a failed request to the motors, since a Feetech bus occasionally loses a packet."""
+"""Number of retries after a failed request to the motors, because a Feetech bus occasionally loses a packet."""
 QUIET_S = 0.06
 """Time to wait after a failed request, so that a late answer can arrive [s]."""
 
@@ -157,7 +157,7 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
 def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
     """Check the calibration of an arm, and connect to the arm.
 
-    Requests to the motors that fail are repeated, since lerobot does not repeat them.
+    Failed requests to the motors are repeated, because lerobot does not repeat them.
 
     Raises:
         CalibrationError: If the calibration is missing or does not match the motors.
@@ -198,7 +198,7 @@ def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
     request, and all later replies would be off by one. Motor loads could then be mistaken for positions, for example.
     """
     port = bus.port_handler
-    port.is_using = False  # remains set after a request that raised an error, and would block all later requests
+    port.is_using = False  # stays True after a request that raised an error, which would block all later requests
     port.ser.reset_input_buffer()
 
 
