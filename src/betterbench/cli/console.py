@@ -110,7 +110,7 @@ _documents: list[TextIO] = []  # the stream reserved for the JSON document
 def document_alone() -> Iterator[None]:
     """Reserve standard output for :func:`print_json`.
 
-    All other output, including that of policies, goes to standard error.
+    All other output, including the output of policies, goes to standard error.
     """
     out = sys.stdout
     out.flush()

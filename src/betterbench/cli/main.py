@@ -233,7 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _require_out(given: Sequence[str]) -> None:
-    """Raise InvalidInputError if --out has an empty value, which would otherwise mean the current folder."""
+    """Raise InvalidInputError if --out has an empty value. Without this check, it would mean the current folder."""
     if "--out=" in given or any(pair == ("--out", "") for pair in itertools.pairwise(given)):
         raise InvalidInputError(
             "--out",

@@ -146,7 +146,7 @@ class WorkProgress(Progress):
         self._next_line = time.monotonic() + FIRST_LINE_S
 
     def update(self, task_id: TaskID, **changes: Any) -> None:  # noqa: ANN401 - the arguments of rich
-        """Update the progress. The arguments are those of :meth:`rich.progress.Progress.update`."""
+        """Update the progress. The arguments are the same as for :meth:`rich.progress.Progress.update`."""
         super().update(task_id, **changes)
         if self._log is not None and time.monotonic() >= self._next_line:
             self._next_line = time.monotonic() + NEXT_LINE_S

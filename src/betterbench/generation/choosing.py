@@ -275,7 +275,7 @@ def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for an unknown word, since it may state a requirement that the task does not meet."""
+    """Raise InvalidInputError for an unknown word, because it may state a requirement that the task does not meet."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()
@@ -316,8 +316,8 @@ def _require_nouns(tokens: list[str]) -> None:
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
     """Return the objects that a noun in a sentence asks for.
 
-    A number word before the noun states how many objects are meant. Without a number word, a plural noun means two
-    objects, and a singular noun means one.
+    A number word before the noun states the number of objects. Without a number word, a plural noun means two objects,
+    and a singular noun means one.
     """
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)

@@ -90,7 +90,9 @@ class Footprint:
 
 
 def footprint(category: str) -> Footprint:
-    """Return the measurements of a category. They are the same for all colors, since color does not affect shape.
+    """Return the measurements of a category.
+
+    The measurements are the same for all colors, because color does not affect shape.
 
     Raises:
         UnknownNameError: If the category does not exist.

@@ -22,7 +22,7 @@ SCHEMA_VERSION = 1
 CURE = "Write the scenario as docs/generating.md describes"
 
 NAME_PATTERN = r"^[a-z][a-z0-9_]{0,40}$"
-"""Pattern of instance names. They are used as names in a scene."""
+"""Pattern of instance names, which are also the names of the objects in a scene."""
 
 LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_TAG = 60, 200, 120, 60, 30
 """Maximum length of each kind of text in a scenario [characters]."""

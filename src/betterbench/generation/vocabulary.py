@@ -175,8 +175,8 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
 def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     """Return the known nouns that name a described object.
 
-    This is the last noun before "with", "in", "of" and similar words, such as "mug" in "a red mug with an apple on it".
-    After a measure noun, the measured noun is included, such as "cheese" in "a slice of cheese".
+    The object is named by the last noun before "with", "in", "of" and similar words, such as "mug" in "a red mug with
+    an apple on it". After a measure noun, the measured noun is included, such as "cheese" in "a slice of cheese".
     """
     words = terms(text)
     ends = next((i for i, word in enumerate(words) if word in _ENDS_THE_HEAD), len(words))
@@ -197,7 +197,8 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    This is decided by a known noun in its description. If there is none, one of its tags must name an allowed type.
+    The type is determined by a known noun in the description. If there is none, a tag of the object must name an
+    allowed type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))

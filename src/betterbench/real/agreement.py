@@ -71,7 +71,7 @@ class PairAgreement:
 
     @property
     def sentence(self) -> str:
-        """Sentence that states in how many trials the outcomes are equal, and Cohen's kappa with its interval."""
+        """Sentence with the number of trials with equal outcomes, and with Cohen's kappa and its interval."""
         n = self.table.n
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
         kappa, interval = self.table.kappa, self.interval

@@ -37,7 +37,7 @@ class JudgeDesk:
 
         Raises:
             InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name is
-                nearly the same as that of an earlier judge.
+                nearly the same as an earlier judge's name.
             RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials whose header is
                 damaged are left out and logged.
         """
@@ -185,7 +185,7 @@ def _entries_of(run: RealRun, person: str) -> dict[str, str]:
 def _shuffled(run: RealRun, person: str) -> tuple[RealTrial, ...]:
     """Return the finished trials in a judge's order.
 
-    Trials that finish later do not change the order of earlier ones.
+    Trials that finish later do not change the order of earlier trials.
     """
     place = {code: k for k, code in enumerate(_order([t.code for t in run.plan.trials], run.plan.seed, person))}
     return tuple(sorted(run.trials, key=lambda trial: place[trial.code]))

@@ -1,9 +1,9 @@
 """Label of a trial on a real arm, from joint signals and the entries of judges who watched the video.
 
-The labels and the rules for rest and back-and-forth motion are those of the simulated diagnosis. Only the judges can
-tell which object was taken and which objects are in the basket. If the signals and the judges together do not determine
-a label, the label is None and the trial is unscored. If the joint states contradict an entry, the contradiction is
-reported, and the trial is unscored until the judges enter a new outcome.
+The labels and the rules for rest and back-and-forth motion are the same as in the simulated diagnosis. Only the judges
+can tell which object was taken and which objects are in the basket. If the signals and the judges together do not
+determine a label, the label is None and the trial is unscored. If the joint states contradict an entry, the
+contradiction is reported, and the trial is unscored until the judges enter a new outcome.
 """
 
 from __future__ import annotations
@@ -290,7 +290,7 @@ def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float,
     """Return the label for a trial in which the arm stands still although steps are left to do.
 
     The label is phase conflict I if the scene looks like the middle of a demonstration and no grasp was attempted.
-    Otherwise, it is early halt.
+    In all other cases, it is early halt.
     """
     left = listed([f"the {kind}" for kind in setting.due])
     if setting.half_done and not signals.attempts:
@@ -533,7 +533,7 @@ def _openings(signals: JointSignals) -> str:
 
 
 def _grips(signals: JointSignals) -> str:
-    """Return a clause that states how many times the jaw closed on something."""
+    """Return a clause with the number of times that the jaw closed on something."""
     return f"the jaw closed on something {plural(len(signals.grasps), 'time')}"
 
 

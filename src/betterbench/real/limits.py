@@ -1,6 +1,6 @@
 """Safety limits on motor commands: joint range, speed, lead, load and workspace.
 
-The limits are applied in this order, so that no limit can violate an earlier one:
+The limits are applied in this order, so that no limit can violate an earlier limit:
 
 1. A command that is not finite is replaced by the last command.
 2. Each target is clipped to the range of its joint.

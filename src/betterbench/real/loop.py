@@ -183,7 +183,7 @@ class TrialRun:
             raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
-        """Return the initial motor positions of the trial (6,): those of the simulated twin, with the gripper open."""
+        """Return the initial motor positions (6,): the positions of the simulated twin, with the gripper open."""
         joints = start_joints_of(self._plan.task, self._planned.scene_seed, self._spec)
         return np.array(self._spec.positions_in(self._space, joints, self._spec.gripper_opening_m))
 

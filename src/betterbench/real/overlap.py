@@ -99,7 +99,8 @@ class Agreement:
     Attributes:
         objects: Compared objects, with the worst agreement first.
         left_out: Names of objects that are not visible enough for a comparison.
-        cloth: Color of the planned tablecloth if a different one is on the table; otherwise an empty string.
+        cloth: Color of the planned tablecloth if a different tablecloth is on the table; empty if it is the planned
+            one.
     """
 
     objects: tuple[ObjectAgreement, ...]
@@ -144,7 +145,7 @@ def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
 
 
 def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
-    """Return the color of the twin's tablecloth if the live image shows a different tablecloth; otherwise "".
+    """Return the color of the twin's tablecloth if the live image shows a different tablecloth, or "".
 
     The colors are compared next to the objects.
     """

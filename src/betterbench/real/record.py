@@ -279,7 +279,7 @@ class TrialProgress:
 
 
 def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
-    """Parse the lines of a journal. Return its events, and the hash that links the next line to the last one."""
+    """Parse the lines of a journal. Return the events, and the hash that links the next line to the last line."""
     found, link = [], ""
     for number, (form, after) in enumerate(linked_forms(path, lines, cure=_JOURNAL_CURE), start=1):
         where = f"{path}: line {number}"
@@ -485,7 +485,7 @@ class Entry:
     def content(self) -> str:
         """Hash of the trial code, the attempt, the person's name and the role.
 
-        A later entry with the same hash replaces an earlier one.
+        A later entry with the same hash replaces an earlier entry.
         """
         subject = [self.code, self.attempt, self.author, self.role]
         return content_digest("betterbench real entry", dump_json(subject))
@@ -635,7 +635,7 @@ class RealRun:
         states: Progress of each trial by code.
         trials: Finished trials with an intact header, in the order of the plan.
         damaged: All other finished trials, in the order of the plan.
-        operators: Names of all operators, including those of invalid attempts and undone entries.
+        operators: Names of all operators, including the operators of invalid attempts and undone entries.
         judges: Names of all people who entered an outcome as a judge.
     """
 

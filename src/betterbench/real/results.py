@@ -1,9 +1,9 @@
 """Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the trial order.
 
-The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
-counted separately for each cell. A trial is damaged if its files are missing or differ from the recorded files. A
-damaged trial is listed as unscored and excluded from all other numbers. If runs on the simulated twin are given, each
-cell is compared with the same cell in simulation.
+The matrices have the same form as in the report (``report.tables.matrices``). Their rates exclude trials without a
+label, which are counted separately for each cell. A trial is damaged if its files are missing or differ from the
+recorded files. A damaged trial is listed as unscored and excluded from all other numbers. If runs on the simulated twin
+are given, each cell is compared with the same cell in simulation.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ class PolicyResult:
         damaged: Finished but damaged trials of the policy.
         counts: Numbers of planned trials by result.
         lateness: Rates of late steps and frames.
-        diagnosis: Labeled trials, converted to a diagnosis like that of a simulated run.
+        diagnosis: Labeled trials, converted to the diagnosis format of a simulated run.
         matrices: Short-horizon and long-horizon diagnostic matrix.
         unscored: Number of unscored trials by matrix name, row and column.
     """
@@ -325,7 +325,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Sentences that state how well the simulated twin predicts the real arm."""
+        """Sentences about the agreement between the simulated twin and the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
@@ -421,7 +421,7 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
 def _judged_run(run: RealRun) -> tuple[RealRun, list[JudgedTrial]]:
     """Label the trials of a protocol.
 
-    Return the protocol with all damaged trials listed in it, and the labeled trials.
+    Return the content of the protocol, including all damaged trials, and the labeled trials.
     """
     judged, damaged = [], {trial.code: trial for trial in run.damaged}
     for trial in run.trials:

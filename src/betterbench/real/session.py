@@ -156,7 +156,7 @@ class RealSession:
             folder: Folder of a protocol with a plan.
             robot: Robot, which is not connected yet.
             person: Name of the operator, stored with the entries.
-            limits: Safety limits; by default those of the SO-101.
+            limits: Safety limits; by default the limits of the SO-101.
             apart: Whether a user's policy runs in a separate process.
             size: Width and height of the images of the simulated twin [pixels].
             say: Called with each message to the operator.

@@ -114,7 +114,7 @@ class Closing:
     def is_attempt(self) -> bool:
         """Whether the closing is a grasp attempt.
 
-        This is the case if the tool is low enough to grasp an object, even if the jaw remains empty.
+        In a grasp attempt, the tool is low enough to grasp an object. The jaw may remain empty.
         """
         return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
 
@@ -498,7 +498,7 @@ def _opens_after(opening: Floats, row: int) -> int | None:
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which the jaw closes further because the object slipped out, or None."""
+    """Return the row at which the jaw closes further because the object slipped out, or None if none slipped out."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

@@ -28,7 +28,7 @@ EditT = TypeVar("EditT")
 
 @dataclass(slots=True)
 class Desk(Generic[ItemT, LineT, EditT]):
-    """State of one review. Subclasses implement how items are opened and edited, and how decisions are written.
+    """State of one review. Subclasses implement the opening and editing of items, and the writing of decisions.
 
     Attributes:
         queue: Items to review.

@@ -1,8 +1,8 @@
 """State of one person's review of objects. The browser page is in a different module.
 
 The state consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been
-saved. It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of
-edit, or when the person gives a verdict.
+saved. An edit is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind
+of edit, or when the person gives a verdict.
 """
 
 from __future__ import annotations

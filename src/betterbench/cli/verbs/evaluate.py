@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
-"""Time from the first steps to the first estimate of the duration, and interval of progress lines before any steps [s].
+"""Time from the first steps to the first estimate of the duration, and interval of progress lines before that [s].
 """
 
 LOG_EVERY_S = 60.0
@@ -73,7 +73,7 @@ MANY_TRIALS = 200
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
 """Task of the suggested smaller run, and its number of trials per variation.
 
-The task is the one with the shortest trials.
+The task has the shortest trials of the suite.
 """
 
 

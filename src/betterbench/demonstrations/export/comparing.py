@@ -30,7 +30,7 @@ Other versions of NumPy may sum in a different order.
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Maximum number of characters of a field name in a message, since names come from untrusted files."""
+"""Maximum number of characters of a field name in a message, because the names come from untrusted files."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:

@@ -468,8 +468,8 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
     """Return the command that evaluates a policy trained on the data set. The policy address in it is a placeholder.
 
-    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. Otherwise it
-    evaluates a few trials of the demonstrated tasks.
+    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. If it demonstrates
+    only some tasks, the command evaluates a few trials of these tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

@@ -271,7 +271,7 @@ class _FrameFiles(_Files):
         self._tables: list[pa.Table] = []
 
     def add(self, table: pa.Table) -> dict[str, int]:
-        """Add an episode, and return the fields that describe where it is stored."""
+        """Add an episode, and return the fields that describe its location."""
         if self._tables and self._bytes + table.nbytes > MOST_FILE_BYTES:
             self.close()
             self._number += 1

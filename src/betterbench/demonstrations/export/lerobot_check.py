@@ -60,9 +60,9 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare an episode with the expected one, and return a reader for the images of the episode.
+        """Compare an episode with the expected episode, and return a reader for the images of the episode.
 
-        The expected episode must be the last one that was added to ``expected``.
+        The expected episode must be the last episode that was added to ``expected``.
         """
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)

@@ -78,7 +78,7 @@ class VideoWriter:
 
 
 def require_even(width: int, height: int) -> None:
-    """Raise InvalidInputError if the width or height of an image is odd, since the pixel format requires even sizes."""
+    """Raise InvalidInputError if a width or height is odd, because the pixel format requires even sizes."""
     if width % 2 or height % 2:
         raise InvalidInputError(
             "--images",

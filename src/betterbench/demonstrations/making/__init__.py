@@ -6,6 +6,6 @@
   scenes.
 - ``amplifier``, ``attempt``: a single attempt at a demonstration.
 - ``production``: a complete set of demonstrations.
-- ``variety``, ``acceptance``: measures of how much demonstrations differ, success rates of attempts, and reasons of
-  failed attempts.
+- ``variety``, ``acceptance``: differences between demonstrations, acceptance rates of attempts, and reasons for failed
+  attempts.
 """

@@ -144,7 +144,7 @@ class Amplifier:
 
     Attributes:
         used: Names of the source demonstrations, one for each skill that was started.
-        failure: Kind of failure and reason if the attempt failed; None otherwise.
+        failure: Kind of failure and reason if the attempt failed; None if it did not fail.
     """
 
     def __init__(
@@ -345,9 +345,9 @@ class Amplifier:
         """Transfer skills of the source demonstrations to this scene, and yield each transferred skill with its source.
 
         For an object that can be grasped from any side, the grasp is first rotated about the object's axis by
-        ``turn_rad``. If all skills are blocked, other rotations are tried. The contents of a container may differ from
-        those in the source demonstration. The object may therefore be released at another position that the expert
-        would choose, if some demonstrations release objects there.
+        ``turn_rad``. If all skills are blocked, other rotations are tried. A container may contain other objects than
+        in the source demonstration. The object may therefore be released at another position that the expert would
+        choose, if some demonstrations release objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)

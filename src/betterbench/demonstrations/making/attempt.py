@@ -204,7 +204,10 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return the failure if the episode lies outside the certified training distribution. Return None otherwise."""
+    """Return the failure if the episode lies outside the certified training distribution.
+
+    Return None if it lies inside.
+    """
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 

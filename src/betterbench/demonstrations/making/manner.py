@@ -1,4 +1,4 @@
-"""Motion styles of demonstrations. They are drawn at random to imitate differences between people."""
+"""Motion styles of demonstrations, which are drawn at random to imitate differences between people."""
 
 from __future__ import annotations
 

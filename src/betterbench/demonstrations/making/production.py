@@ -241,7 +241,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 class AttemptJournal(VersionedJournal):
     """Journal of all attempts in a run.
 
-    If several lines are about the same initial state, only the last one is used. Raises the same errors as
+    If several lines are about the same initial state, only the last of these lines is used. Raises the same errors as
     :class:`VersionedJournal`.
     """
 

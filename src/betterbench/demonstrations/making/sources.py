@@ -252,7 +252,8 @@ def _skill_of(
         record: Record of the demonstration.
         window: Rows of the skill.
         asset: Asset of the skill's object.
-        lead_in: Commanded poses between the previous skill and this one; None if the gripper missed a grasp in between.
+        lead_in: Commanded poses between the previous skill and this skill; None if the gripper missed a grasp in
+            between.
         tempo_mps: Mean speed of the tool in the transits of the demonstration [m/s].
     """
     first = max(1, window.start)
@@ -301,8 +302,8 @@ def nearest_goal(
 ) -> tuple[float, float, float] | None:
     """Return the expert's candidate placement that is nearest to a point, as the position of the object's base [m].
 
-    Unlike a rigid transform of the recorded motion, the candidates take into account how large the objects are and
-    which objects are already at the target. Return None if no candidate is within the given distance.
+    Unlike a rigid transform of the recorded motion, the candidates take into account the sizes of the objects and the
+    objects that are already at the target. Return None if no candidate is within the given distance.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)

@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Slot, Task, TrialId
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 FIRST_AMPLIFIED_SEED = 1_000_000_000
-"""Default first seed of amplified demonstrations. It is far from the seeds of their source demonstrations."""
+"""Default first seed of amplified demonstrations, which is far from the seeds of their source demonstrations."""
 GRID = 3
 """Number of cells along each axis of the region in which a slot places objects."""
 BLOCK = 32
@@ -83,7 +83,10 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a condition. The factors of objects to be moved come before those of targets."""
+    """Return the random factors of a condition.
+
+    The factors of objects to be moved come before the factors of targets.
+    """
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),

@@ -141,7 +141,7 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field of a framework's configuration: the value in the recipe file if there is one, otherwise a default.
+    """Return a field of a framework's configuration, with the value in the recipe file or a default value.
 
     Args:
         name: Name of the field in the framework.

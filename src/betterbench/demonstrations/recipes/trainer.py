@@ -202,7 +202,7 @@ def recorded_data(folder: Path) -> TrainingData:
     """Describe a data set that LeRobot recorded with an SO-101.
 
     Raises:
-        InvalidInputError: If the format version, the arm or the cameras differ from those of the protocol.
+        InvalidInputError: If the format version, the arm or the cameras differ from the protocol.
     """
     info = _read(folder / "meta/info.json", _RECORDED, cure=_RECORD_AGAIN)
     place = str(folder)

@@ -178,7 +178,7 @@ def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
-    """Count how often each value of the first variable occurs with each value of the second in every permutation.
+    """Count the joint occurrences of each value of the first and each value of the second variable, per permutation.
 
     Args:
         mixed: (rows, n) permuted codes of the first variable.

@@ -34,7 +34,7 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """Range of a gripper's values, the threshold between open and closed, and which end of the range is closed.
+    """Range of a gripper's values, the threshold between open and closed, and the closed end of the range.
 
     Attributes:
         low: Smallest value, without the lowest 1 %.
@@ -183,7 +183,7 @@ def _cure(side: str) -> str:
 def _width(low: float, high: float) -> tuple[str, str] | None:
     """Return "low" as the closed end, with the reason, if the values look like widths in meters.
 
-    Return None otherwise.
+    Return None for other values.
     """
     least, most = WIDTH_M
     ok = high <= most and low >= -0.01 and high - low >= least

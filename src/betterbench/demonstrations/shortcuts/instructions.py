@@ -1,4 +1,4 @@
-"""Test whether complete instructions predict an outcome better than their single words and word pairs.
+"""Test of whether complete instructions predict an outcome better than their single words and word pairs.
 
 An outcome may depend on three or more words together, or on two words that occur together in too few demonstrations to
 be tested as a pair. Testing complete instructions covers both cases. To avoid reporting a rule twice, demonstrations

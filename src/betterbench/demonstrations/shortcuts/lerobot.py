@@ -111,7 +111,7 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     """Return the facts about each episode of a LeRobot data set.
 
     If the instruction changes within an episode, the episode is split into segments, and there are separate facts about
-    each segment. With two arms, there is one group of facts per arm, and another group that states which arm closes its
+    each segment. With two arms, there is one group of facts per arm, and another group with the arm that closes its
     gripper first.
 
     Args:
@@ -482,7 +482,7 @@ class _Arm:
     Attributes:
         grip: Gripper component of the arm.
         place: Position components of the arm.
-        jaws: Range of the gripper's values, and which end of it is closed.
+        jaws: Range of the gripper's values, and its closed end.
         closings: For each episode, the rows in which the gripper closes.
         openings: For each episode, the rows in which the gripper opens.
         share_closed: Fraction of all rows in which the gripper is closed.
@@ -508,7 +508,7 @@ class _Arm:
 
         Args:
             chosen: Gripper and position components of the arm.
-            jaws: Range of the gripper's values, and which end of it is closed.
+            jaws: Range of the gripper's values, and its closed end.
             episodes: Values of all episodes.
             shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
         """

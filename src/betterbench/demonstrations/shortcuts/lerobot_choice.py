@@ -73,7 +73,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures how far the gripper of an arm is closed, with the reason for choosing this component."""
+    """Component that measures the gripper opening of an arm, with the reason for choosing this component."""
 
     arm: str
     number: NamedNumber
@@ -141,7 +141,7 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two.
+    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two grippers.
 
     Args:
         columns: Components of the data set.

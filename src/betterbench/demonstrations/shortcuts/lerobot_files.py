@@ -1,7 +1,7 @@
 """Reader for the files of LeRobot data sets (versions 2.0 to 3.0): description, instructions and frames.
 
-The file layout is that of huggingface/lerobot 0.4. The files are untrusted: their sizes are checked before they are
-read, named pipes are rejected, and Git LFS pointers are reported.
+The file layout follows huggingface/lerobot 0.4. The files are untrusted: their sizes are checked before they are read,
+named pipes are rejected, and Git LFS pointers are reported.
 """
 
 from __future__ import annotations
@@ -355,7 +355,7 @@ def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
 
 
 def numbers_in(file: Path, name: str, column: pa.ChunkedArray, width: int) -> _Floats:
-    """Return a column as numbers: an array of shape (rows,) if ``width`` is 1, otherwise (rows, width).
+    """Return a column as numbers: an array of shape (rows,) if ``width`` is 1, or else of shape (rows, width).
 
     Raises RecordError if the column does not have ``width`` numbers in every row.
     """

@@ -10,7 +10,7 @@ from betterbench.statistics.wording import plural
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """Source and range of a gripper's values, and which end of the range is closed.
+    """Source and range of a gripper's values, and the closed end of the range.
 
     Attributes:
         arm: Arm of the gripper; "" if there is only one arm.

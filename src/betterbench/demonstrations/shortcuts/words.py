@@ -22,7 +22,10 @@ _NO_SPACES = re.compile(
 )
 """Thai, Lao, Burmese, Khmer, kana and Han characters, as Unicode ranges."""
 _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
-"""Variation selectors, joiners and zero-width spaces. They do not change the meaning of a text and are removed."""
+"""Variation selectors, joiners and zero-width spaces.
+
+These characters do not change the meaning of a text and are removed.
+"""
 
 
 def instruction_words(text: str) -> frozenset[str]:

@@ -181,7 +181,7 @@ class Mirror:
 
 
 def motion_for(spec: RobotSpec) -> LeaderMotion:
-    """Return the conversion for a robot: absolute if the robot has the leader's joints, otherwise relative."""
+    """Return the conversion for a robot: absolute if it has the leader's joints, and relative for any other robot."""
     return Mirror(spec) if spec.arm_joints == JOINTS else Follower()
 
 

@@ -53,7 +53,7 @@ class PanelState:
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Text with the height of the tool above the table; "" if no episode is loaded.
-        images: Text that says how late the camera images are; "" if they are up to date.
+        images: Text with the delay of the camera images; "" if they are up to date.
     """
 
     title: str

@@ -3,9 +3,9 @@
 A session turns the operator's commands into states of the scene. A session does not depend on the clock, the browser or
 the input devices.
 
-Commands are in the same action space as the actions of policies, so the record has the same format as that of any other
-episode. The session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the
-last of these moments and removes all later steps from the record.
+Commands are in the same action space as the actions of policies, so the record has the same format as the record of any
+other episode. The session stores the complete state at the start and whenever a subgoal has been reached. Undo returns
+to the last of these moments and removes all later steps from the record.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ class TeleopSession:
     def undo(self) -> str:
         """Return to the last moment at which a subgoal was reached, or to the initial state.
 
-        If nothing has happened since this moment, return to the moment before it. The returned value is the name of the
+        If no step was taken since this moment, return to the moment before it. The returned value is the name of the
         moment.
         """
         moment = self._last_moment()

@@ -329,7 +329,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return a text that says how late the camera images are. Return "" if they are up to date."""
+        """Return a text with the delay of the camera images, or "" if they are up to date."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

@@ -30,7 +30,7 @@ from betterbench.tasks import Expected, get_task
 from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
-"""Default first seed of teleoperated demonstrations. It is far from the seeds of other demonstrators."""
+"""Default first seed of teleoperated demonstrations, which is far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
 """Kinds of failure with which a human demonstration can still be saved. The journal then contains the failure."""
 
@@ -160,7 +160,7 @@ class DemonstrationStore:
 def can_keep(attempt: DemonstrationAttempt) -> bool:
     """Return whether a demonstration can be saved.
 
-    It must have reached the goal, and the goal must still be met afterward.
+    The demonstration must have reached the goal, and the goal must still be met afterward.
     """
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 

@@ -178,7 +178,7 @@ class _Maker:
         )
         return task_from_json(task_to_json(task), where=f"the task made of {self.task.folder}")
 
-    # -------------------------------------------------------------------------------------------------- what is there
+    # ------------------------------------------------------------------------------------------------ present objects
 
     def _left_out(self, variation: Resolved) -> dict[str, str]:
         found = {one.name: f"replaced by {one.by}" for one in left_behind(variation, self.training)}

@@ -404,7 +404,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
     if twice:
         _refuse(where, "variation_registry", f"{twice[0]!r} is listed twice", "List each variation once")
     if not task.variation_registry.train:
-        _refuse(where, "variation_registry.train", "is empty", "List a training variation or more")
+        _refuse(where, "variation_registry.train", "is empty", "List at least one training variation")
     if len(listed) > MOST_VARIATIONS:
         problem = f"lists {len(listed)} variations"
         _refuse(where, "variation_registry", problem, f"Use at most {MOST_VARIATIONS} variations")

@@ -29,7 +29,7 @@ SAME_SLOT_M = 0.025
 placement.
 """
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
-"""Position jitter of the slots of objects, and of the slots of targets [m]."""
+"""Position jitter of object slots and of target slots [m]."""
 GAP_M = 0.04
 """Clearance between two objects [m]: the thickness of a finger plus the position jitter of both objects."""
 TARGET_GAP_M = 0.05
@@ -54,7 +54,7 @@ _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return how far a position is outside the reachable and visible part of our table [m].
+    """Return the distance of a position from the reachable and visible part of our table [m].
 
     The distance is 0 if the position is inside this part.
     """
@@ -297,7 +297,7 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return how much additional clearance two slots need along x and y [m].
+    """Return the additional clearance that two slots need along x and y [m].
 
     Negative values mean that the clearance is large enough.
     """

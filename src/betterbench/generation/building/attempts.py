@@ -72,7 +72,7 @@ class Built:
         made: Task of the successful attempt. None if every attempt failed.
         proof: Demonstrations and certificates of the task. None if every attempt failed.
         choices: Assets chosen for the descriptions.
-        attempts: All attempts. The last one succeeded if ``made`` is not None.
+        attempts: All attempts. The last attempt succeeded if ``made`` is not None.
         left_out: Variations that were left out because they failed their certificate.
     """
 
@@ -94,7 +94,7 @@ def build_task(
 ) -> Built:
     """Build a certified task from a scenario, or return the reason why every attempt failed.
 
-    A scenario is rejected without an attempt if its groups differ from those of the template, or if its instruction
+    A scenario is rejected without an attempt if its groups are not the groups of the template, or if its instruction
     states a goal that the template does not support.
     """
     problem = _problem_of(scenario)
@@ -172,7 +172,7 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return a message if too few variations of a task are left. Otherwise, return an empty string."""
+    """Return a message if too few variations of a task are left, or an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

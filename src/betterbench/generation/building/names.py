@@ -96,7 +96,8 @@ def _noun(choice: Choice) -> str:
 def noun_of(entry: CatalogueEntry) -> str:
     """Return the noun that instructions use for an asset.
 
-    This is the tag that consists of the same words as the name of the asset. If there is none, it is the first tag.
+    The noun is the tag with the same words as the name of the asset. If there is no such tag, the first tag is
+    returned.
     """
     named = set(terms(entry.name))
     return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)

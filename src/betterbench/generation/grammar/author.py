@@ -64,7 +64,10 @@ def goal_key(choice: Choice) -> GoalKey:
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return how many scenarios the grammar of a template can generate. Near-duplicates are counted only once."""
+    """Return the number of scenarios that the grammar of a template can generate.
+
+    Near-duplicates are counted only once.
+    """
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -74,7 +77,8 @@ def write_scenarios(
     """Return different scenarios of a template.
 
     The themes are used in turn, in an order drawn from the seed. Each theme contributes the scenario that is least
-    similar to the earlier ones, so categories vary before colors do. The first scenarios do not depend on ``count``.
+    similar to the earlier scenarios, so categories vary before colors do. The first scenarios do not depend on
+    ``count``.
 
     Args:
         template: Name of the template.

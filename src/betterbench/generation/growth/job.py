@@ -117,7 +117,7 @@ class GrowProgress:
     """Progress of growing a suite.
 
     Attributes:
-        accepted: Number of certified tasks, including those of the current round.
+        accepted: Number of certified tasks, including the tasks of the current round.
         refused: Number of scenarios that could not be certified.
         left_out: Number of proposed scenarios that were not built.
         last: Result of the last scenario that was built. None while scenarios are drawn.
@@ -298,7 +298,7 @@ class _Growing:
     def _drawn(self, size: int) -> list[Proposal]:
         """Return the scenarios of the next round.
 
-        Stored proposals are used first. After that, new ones are requested.
+        Stored proposals are used first. After that, new proposals are requested.
         """
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1

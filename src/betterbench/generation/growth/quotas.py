@@ -46,7 +46,8 @@ class Quota:
         value: Value of the property, such as the name of a template.
         least: Minimum amount, as a percentage or a count.
         most: Maximum amount in the same unit, or None if there is no maximum.
-        in_percent: Whether the amounts are percentages: of all variations for an axis, otherwise of all tasks.
+        in_percent: Whether the amounts are percentages: of all variations for an axis, or of all tasks for any other
+            property.
     """
 
     kind: Kind
@@ -204,7 +205,7 @@ class Supply(Protocol):
 
 
 def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, best_share: Mapping[str, float]) -> None:
-    """Check that quotas are consistent with each other, with the number of tasks, and with what the author can write.
+    """Check that quotas are consistent with each other, with the number of tasks, and with the author's supply.
 
     Args:
         quotas: Quotas to check.

@@ -42,7 +42,7 @@ class Proposed:
     """Scenario that an author proposes, or the reason why there is none.
 
     Attributes:
-        outcome: "drawn" if the scenario can be built, otherwise the category of the problem.
+        outcome: "drawn" if the scenario can be built, or else the category of the problem.
         scenario: The scenario. None if the author wrote none.
         key: Key that is equal for near-duplicates of the scenario. Empty if it is unknown.
         problem: Reason why the scenario cannot be built.
@@ -86,8 +86,8 @@ class OfflineSource:
     Args:
         templates: Names of the templates that the author uses.
         seed: Seed of all draws.
-        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
-            categories and colors ("colors").
+        distinct: Definition of near-duplicate scenarios: their objects have the same categories ("categories"), or the
+            same categories and colors ("colors").
         known: Keys of existing tasks. Near-duplicates of these tasks are left out.
     """
 
@@ -189,8 +189,8 @@ class ModelSource:
         contexts: Contexts that may be requested. A request may also leave the context to the model.
         tries: Maximum number of answers requested per scenario.
         open_vocabulary: Whether the model may use objects that are not in the library.
-        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
-            categories and colors ("colors").
+        distinct: Definition of near-duplicate scenarios: their objects have the same categories ("categories"), or the
+            same categories and colors ("colors").
         known: Names of existing tasks, by their near-duplicate key.
     """
 

@@ -54,7 +54,7 @@ _EXPECTED: Mapping[str, tuple[str, str]] = {
 class _Mix:
     """Mean properties of the tasks of a template.
 
-    These are the number of variations on each axis, and the fraction of tasks with each level of difficulty.
+    The properties are the number of variations on each axis, and the fraction of tasks with each level of difficulty.
     """
 
     def __init__(self, template: str) -> None:
@@ -197,7 +197,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return how many more tasks are needed to reach the minimum in the quota for a value."""
+        """Return the number of tasks that are missing to reach the minimum in the quota for a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -207,7 +207,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return how many open quotas a task with a given template and context is expected to help fill."""
+        """Return the expected number of open quotas that a task with a given template and context helps to fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:

@@ -1,6 +1,7 @@
 """Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-In training, instructions for the first layout name only the object, and those for the second layout only its position.
+In training, instructions for the first layout name only the object, and instructions for the second layout only its
+position.
 """
 
 import itertools
@@ -166,8 +167,8 @@ class _Positioning:
 
         Each word for an item or a position occurs in scenes with all items and an additional object, and in scenes with
         a single item. A single item is alone, or together with the look-alike of another item. It is never together
-        with its own look-alike, because that scene is used in a test. Because of the additional object, the scenes with
-        all items differ from those of the tests. Only the words determine the target.
+        with its own look-alike, because that scene is used in a test. The additional object distinguishes the scenes
+        with all items from the test scenes. Only the words determine the target.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}

@@ -41,9 +41,9 @@ WALL_M = 0.005
 LONGEST_M = 0.14
 """Maximum length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
-"""Heading of the slots for an object whose corners would otherwise touch the walls of a drawer [rad].
+"""Heading of the slots for an object with corners, equal to the heading of the cabinet [rad].
 
-It is the heading of the cabinet.
+With another heading, the corners would touch the walls of a drawer.
 """
 CORNER_M = 0.005
 """Distance by which the corners of an object may extend beyond half of its length [m].

@@ -86,7 +86,7 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether the container has room for a third item. Demonstrations put only two items into it.
+    """Return whether the container has room for a third item, although demonstrations put only two items into it.
 
     A container with a lid has room for two items. In other containers, three items fit if they can lie side by side, or
     if they can be stacked without rising above the rim.

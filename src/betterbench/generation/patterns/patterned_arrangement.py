@@ -112,8 +112,9 @@ class _Plan:
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
     """Return a task in which two of three items are put beside an anchor, each at a given side.
 
-    If the anchor is round and the items are two long pieces and a compact object, they form a place setting. Otherwise,
-    the items start in front of the anchor. Distractors are used only around a place setting, if there is room.
+    If the anchor is round and the items are two long pieces and a compact object, they form a place setting. In all
+    other cases, the items start in front of the anchor. Distractors are used only around a place setting, if there is
+    room.
 
     Raises:
         InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
@@ -142,7 +143,7 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
     """Yield possible assignments of distractors to slots around a place setting, starting with the largest assignment.
 
-    The first distractor always uses a slot that otherwise belongs to the compact item.
+    The first distractor always uses a slot that is meant for the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -255,8 +256,8 @@ def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
 def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
     """Add a variation in which the anchor is at its other position.
 
-    The instruction does not begin with the object in the alphabetically first slot, because a policy that always begins
-    at this slot would otherwise succeed.
+    The instruction does not begin with the object in the alphabetically first slot, so that a policy that always begins
+    at this slot fails.
     """
     layout = plan.layouts[0]
     favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)

@@ -17,7 +17,10 @@ BYSTANDER_M = 0.10
 _LONGEST_M = 0.14
 """Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category of the substitute for a missing look-alike. It has the most colors, and resembles items only by color."""
+"""Category of the substitute for a missing look-alike.
+
+This category has the most colors. It resembles items only by color.
+"""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:

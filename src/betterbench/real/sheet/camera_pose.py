@@ -2,8 +2,8 @@
 
 OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and first
 distortion coefficient are estimated together with the pose. All markers are in one plane, but the camera looks at the
-plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution show how
-well these two values are determined.
+plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution state the
+uncertainty of these two values.
 
 A camera pose is a position [m] in the arm's base frame (x ahead, y left, z up) and the camera's axes in OpenCV's
 convention: x to the right of the image, y downward, z along the view.
@@ -160,7 +160,7 @@ class CameraCorrection:
 
     @property
     def lens_sentence(self) -> str:
-        """Advice to use another lens; empty if the field of view is close enough to that of the simulated camera."""
+        """Advice to use another lens; empty if the field of view is close enough to the simulated camera's."""
         real, twin = self.fovy_deg
         if abs(real - twin) <= NEAR_FOV_DEG:
             return ""

@@ -16,7 +16,7 @@ from betterbench.review.scenes.changes import FrameChange, SceneChange, SlotChan
 from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
-"""Tolerances when a value is compared with the rounded value that the reviewer saw."""
+"""Tolerances for comparing a value with the rounded value that the reviewer saw."""
 _OTHER_CURE = "Restore the task file that was reviewed, or review the current task file"
 
 
