@@ -53,7 +53,8 @@ def main() -> None:
         sys.stdout.write(f"betterbench {__version__}\n")
         return
     try:
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # False in a background job
+        # SIGINT may be ignored if this process is a background job.
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _interrupt)
             atexit.register(_ignore_too_late)  # exit functions are called in reverse order of registration
         # imported here because tyro is slow to import and --version does not need it

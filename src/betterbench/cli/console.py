@@ -75,7 +75,10 @@ _PLAIN = {
     ord("\u00b1"): "+-",
     ord("\u0394"): "Delta",
 }
-"""Replacements for characters that the terminal may not support; others become a question mark."""
+"""Replacements for characters that some terminals do not support.
+
+Other unsupported characters become a question mark.
+"""
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:

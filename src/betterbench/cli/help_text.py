@@ -23,7 +23,7 @@ WIDEST = 100
 """Maximum length of a line in a description [characters]."""
 
 INDENT = "  "
-"""Indentation of continuation lines; tyro joins lines that begin with a letter."""
+"""Indentation of continuation lines, because tyro joins lines that begin with a letter."""
 
 
 def description_of(function: object) -> str:

@@ -212,7 +212,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BetterError as error:
         if telling.traceback:
             traceback.print_exc()
-        if was_interrupted():  # Ctrl-C ended a child process too
+        # Ctrl-C may have ended a child process, which causes this error.
+        if was_interrupted():
             return _interrupted(given)
         complain(str(in_other_world(error)))
         return EXIT_BAD_INPUT
@@ -292,7 +293,8 @@ def _show_overview(given: Sequence[str]) -> None:
     """Print the overview, an error for a missing subcommand, or a shell completion script, and exit."""
     command = better_command()
     here = "" if command == "better" else f"\n\nHere, better is started as {command}."
-    completion = any(word.startswith("--tyro-") for word in given)  # needs all options
+    # A completion script needs the options of every subcommand.
+    completion = any(word.startswith("--tyro-") for word in given)
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},

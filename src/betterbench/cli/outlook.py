@@ -33,7 +33,8 @@ class Outlook:
     steps: int = 0
     _left: int = 0
     _ended: set[TrialId] = field(default_factory=set)
-    _first: tuple[float, int] | None = None  # time [s] and step count of the first report
+    # Time [s] and step count of the first report.
+    _first: tuple[float, int] | None = None
     _now_s: float = 0.0
 
     def begin(self, done: set[TrialId]) -> None:

@@ -98,7 +98,8 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
     if chained or _STEPS.search(text):
         word = min(chained) if chained else "first or next"
         yield f"chains steps with {word!r}", cure
-    placed = stated_goal(scenario).placed  # a list of items with their places states a goal and not steps
+    # A list of items with their places is allowed, because it states a goal and not steps.
+    placed = stated_goal(scenario).placed
     for group in template.groups:
         objects = scenario.groups.get(group.group_id, ())
         if all(o.instance_name in placed for o in objects):
@@ -129,7 +130,7 @@ def _head(described: DescribedObject) -> frozenset[str]:
 
 
 def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each noun in an instruction that names no object of the scenario."""
+    """Yield a problem and a remedy for each noun that names no object of the scenario."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

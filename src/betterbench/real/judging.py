@@ -145,7 +145,8 @@ class JudgeDesk:
         self.index = next(k for k, trial in enumerate(self.trials) if trial.code == code)
         trial = self.at_hand
         enter(self.folder, code, trial.header.attempt, author=self.person, role="judge", outcome=None)
-        self._mine = _entries_of(read_run(self.folder), self.person)  # the undo may restore an earlier entry
+        # An undo may restore an earlier entry.
+        self._mine = _entries_of(read_run(self.folder), self.person)
         self._say(f"video {self.index + 1}: entry undone")
 
     def film(self, number: int, camera: str) -> bytes:

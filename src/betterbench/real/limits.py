@@ -152,7 +152,8 @@ class Limiter:
         """Return the command to send for a requested target (6,), given the measured state (6,) and load (6,).
 
         Raises:
-            LimitError: If the measured state is not finite, or a joint is overloaded or does not follow for too long.
+            LimitError: If the measured state is not finite, or a joint is overloaded or lags behind its command for too
+                long.
         """
         if not self._is_started:
             raise InvalidInputError("limits", "start was not called", "Call start with the measured state")

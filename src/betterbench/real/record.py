@@ -407,7 +407,8 @@ class RealJournal(LineJournal):
         for code in cut:
             self.abort(code, "the program ended before the trial did")
         for code, progress in self._states.items():
-            if progress.state == "open":  # the program was killed after writing the line and before moving the files
+            # If the trial is open, the program was killed after writing the line, but before moving the files.
+            if progress.state == "open":
                 self._put_away(code)
         return cut
 
@@ -417,7 +418,8 @@ class RealJournal(LineJournal):
 
     def _put_away(self, code: str) -> None:
         there = self.attempt_folder(code)
-        if not (there.exists() or there.is_symlink()):  # also true for a broken link
+        # A broken symbolic link counts as existing.
+        if not (there.exists() or there.is_symlink()):
             return
         away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
         number = 1

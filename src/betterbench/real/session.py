@@ -295,7 +295,7 @@ class RealSession:
 
     def begin(self) -> None:
         """Go to a finished trial for which no outcome has been entered yet, or else to the next trial in the plan."""
-        # the program was killed between writing the entry and the journal line that repeats the trial
+        # The program was killed after writing the entry, but before writing the journal line that repeats the trial.
         for trial in read_run(self.folder).trials:
             for entry in trial.seen_by("operator"):
                 seen = entry.decision
@@ -320,7 +320,8 @@ class RealSession:
         steps, view = self._twin.steps(trial), self._twin.view(trial)
         if stage is Stage.SETUP:
             self._robot.set_up(trial)
-        self._agreement = self.reading = None  # these belong to the previous scene
+        # The measurements belong to the previous scene.
+        self._agreement = self.reading = None
         self._shown = _Shown(trial, stage, steps, view)
         if stage is Stage.SETUP:
             number = self.plan.trials.index(trial) + 1

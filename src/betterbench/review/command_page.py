@@ -49,7 +49,8 @@ class CommandPage(Generic[DeskT]):
             InvalidInputError: If the port is in use.
         """
         self._desk = desk
-        self._version = 0  # in node names, because the browser keeps the poses of removed nodes by name
+        # Part of the node names, because the browser keeps the poses of removed nodes by name.
+        self._version = 0
         self._marks: list[Any] = []
         self._commands: queue.Queue[tuple[str, Any]] = queue.Queue(MOST_WAITING)
         self.server = PageServer(host=host, port=port, verb="better review", complain=self._complain)
@@ -212,7 +213,8 @@ class CommandPage(Generic[DeskT]):
         if command is not None:
 
             async def typed(event: Any) -> None:  # noqa: ANN401
-                if event.client_id is not None:  # None if this program set the value
+                # The client is None if this program set the value.
+                if event.client_id is not None:
                     self._put(command, event.target.value)
 
             element.on_update(typed)

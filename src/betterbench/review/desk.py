@@ -241,7 +241,8 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         if edit.before == edit.after:
             return True
         try:
-            self.journal.check(self._review(edit))  # a size of several meters would take a minute to compute
+            # Reject a size of several meters, which would take a minute to compute.
+            self.journal.check(self._review(edit))
             new = changed(state, edit, where=item.name)
             self._write(edit)
         except (BetterError, ValidationError) as error:

@@ -113,7 +113,8 @@ class ReviewPage(CommandPage[ReviewDesk]):
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "drop test", "lift test"):
-            self._status.content = WORKING  # importing an object and computing its shapes takes seconds
+            # Show that work is in progress, because importing an object and computing its shapes takes seconds.
+            self._status.content = WORKING
         if command in ("drop test", "lift test"):
             tryout = self._desk.try_drop() if command == "drop test" else self._desk.try_lift()
         elif command in self._do:

@@ -15,7 +15,7 @@ from betterbench.report.pages.calibration_page import KINDS, calibration_summary
 from betterbench.report.pages.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
-"""Maximum number of wrong labels that are printed; the page lists all of them."""
+"""Maximum number of wrong labels that are printed. The page lists all of them."""
 
 
 def print_calibration(found: Calibration) -> None:

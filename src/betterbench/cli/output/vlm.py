@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from betterbench.vlm.steps import Cell, StepTable
 
 MOST_GROUPS = 12
-"""Maximum number of groups to print; groupings with more groups (such as by scenario) are only in result.json."""
+"""Maximum number of groups to print. Groupings with more groups (such as by scenario) are only in result.json."""
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
@@ -40,7 +40,8 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
             gap, which is measured with questions about images.
     """
     score, columns = run.score, COLUMNS if run.extracted is not None else COLUMNS[:2]
-    left_out = {AXIS} if score.gaps is not None else set()  # the axes are in the table of gaps
+    # The table of gaps already lists the axes.
+    left_out = {AXIS} if score.gaps is not None else set()
     shown = [
         p for p in score.parts if p.kind not in left_out and sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS
     ]

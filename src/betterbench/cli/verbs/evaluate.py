@@ -552,7 +552,8 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     files = options_for({t.task for t in plan.trials}, worlds=(plan.world.name,))
     following = f"better report {shell_word(run.path)}{files}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world.facts.reading != "chains":  # CALVIN's chains are not labeled
+    # A report shows labels, which chains of CALVIN do not have.
+    if plan.world.facts.reading != "chains":
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 

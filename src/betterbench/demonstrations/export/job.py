@@ -382,7 +382,8 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         whole / SOURCE_FILE,
         json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
     )
-    if out.exists():  # the replaced data set is deleted together with the hidden folder
+    # The replaced data set is deleted together with the hidden folder.
+    if out.exists():
         shutil.rmtree(replaced, ignore_errors=True)
         out.rename(replaced)
     whole.replace(out)

@@ -109,7 +109,8 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # betterbench never writes attributes on the root group
+    # Attributes of the root group, which betterbench never writes, change the digest.
+    if of_file := attributes(file):
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 

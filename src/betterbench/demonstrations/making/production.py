@@ -439,7 +439,8 @@ def _produce(
                 keep=functools.partial(_note, journal=journal, attempts=attempts),
                 on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
             )
-            changed = [run.restore(), journal.restore(), attempts.restore()]  # restore files that were removed
+            # Write files again that were removed during the run.
+            changed = [run.restore(), journal.restore(), attempts.restore()]
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
         if is_whole and chains == _chains(wanted, found, method):

@@ -120,7 +120,8 @@ class Recipe:
         Raises InvalidInputError if ``save_every`` does not divide the number of steps.
         """
         fixed = dict(self.fixed)
-        if self.policies and policy != "pi05":  # the paper trained pi0.5 only
+        # The paper only trained pi0.5.
+        if self.policies and policy != "pi05":
             fixed = {name: (value, "ours", f"as pi0.5; no recipe for {policy}") for name, (value, *_) in fixed.items()}
         found = replace(self, fixed=fixed | dict(self.policies.get(policy, {})))
         _check_saving(found, "recipe")

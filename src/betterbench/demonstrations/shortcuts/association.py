@@ -178,7 +178,7 @@ def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
-    """Count the joint occurrences of each value of the first and each value of the second variable, per permutation.
+    """Count the joint occurrences of the values of two variables in every permutation.
 
     Args:
         mixed: (rows, n) permuted codes of the first variable.
@@ -286,7 +286,8 @@ def features_test(
         """
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
-            joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)  # float32 sums of ones are exact
+            # Sums of ones are exact in float32.
+            joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)
             both += terms[label].take(joint)
         found: _Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
         return found

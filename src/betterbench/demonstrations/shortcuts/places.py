@@ -14,7 +14,7 @@ GAP_SHARE = 0.08
 NARROW_SHARE = 0.2
 """Minimum range of an axis that is split into cells, as a fraction of the longest axis's range."""
 LEAST_SHARE = 0.05
-"""Minimum fraction of all points in a cell."""
+"""Minimum fraction of all points that a cell must contain."""
 CELLS = 3
 """Number of cells along an axis without gaps. The cells contain equal numbers of points."""
 SET_OUT_SHARE = 0.1
@@ -33,7 +33,8 @@ def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
     strongest = np.abs(ways).argmax(axis=1)[:, None]
-    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))  # make the arbitrary signs reproducible
+    # The signs of the directions are arbitrary, so they are fixed here.
+    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))
     if len(ways) < 2:
         ways = np.vstack([ways, np.zeros((2 - len(ways), points.shape[1]))])
     return middle, ways[:2]

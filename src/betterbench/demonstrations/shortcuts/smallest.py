@@ -236,7 +236,8 @@ class Planted:
         # If a single unit is random, no values are exchanged, so the rule would have no exception.
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
-        low, high = -1, len(shares) - 1  # too small, large enough
+        # The share at index low is too small, and the share at index high is large enough.
+        low, high = -1, len(shares) - 1
         while high - low > 1:
             middle = (low + high) // 2
             enough = self.share_found(shares[middle], threshold, counts, draw) >= _ENOUGH
@@ -261,7 +262,8 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
     """
     y, kinds = codes_of(outcome)
     counts = presence.sum(axis=0)
-    first = {int(count): i for i, count in reversed(list(enumerate(counts)))}  # try only one word for each frequency
+    # Try only one word for each frequency.
+    first = {int(count): i for i, count in reversed(list(enumerate(counts)))}
     even = sorted(first, key=lambda count: (abs(2 * count - len(y)), count))[:_MOST_WORDS]
     block = np.arange(len(y))
     best: tuple[float, _Ints, int] | None = None

@@ -79,7 +79,8 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
         configs = importlib.import_module(f"lerobot.{kind.group}.config")
         makers = importlib.import_module(f"lerobot.{kind.group}.utils")
         module = None
-        for name in (kind.module, kind.name):  # older versions of lerobot have a module for each kind
+        # Older versions of lerobot have a module for each kind of arm.
+        for name in (kind.module, kind.name):
             try:
                 module = importlib.import_module(f"lerobot.{kind.group}.{name}")
                 break
@@ -91,13 +92,13 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
             opencv = importlib.import_module("lerobot.cameras.opencv.configuration_opencv")
             given["cameras"] = {name: opencv.OpenCVCameraConfig(**chosen) for name, chosen in cameras.items()}
         config = getattr(configs, kind.config_class).get_choice_class(kind.name)(**given)
-    except Exception as problem:  # inconsistent installations fail in many ways
+    except Exception as problem:  # inconsistent installations raise many different errors
         raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
     try:
         return getattr(makers, kind.maker)(config)
     except ImportError as problem:
         raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
-    except Exception as problem:  # lerobot reads the calibration file now
+    except Exception as problem:  # lerobot reads the calibration file in this call
         file = _calibration_file(kind, module, str(options["id"]))
         if file is None or not file.is_file():
             raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem

@@ -212,7 +212,8 @@ class Page:
             at, turn = event.target.position, event.target.wxyz
             pose = Pose(tuple(map(float, at)), tuple(map(float, turn)))  # type: ignore[arg-type] # three and four
             if not self._controls.dragged(event.client_id, pose, is_over=event.phase == "end"):
-                self._gizmo_at = None  # the next update moves the gizmo back
+                # With this value, the next update moves the gizmo back.
+                self._gizmo_at = None
                 self._tell(event.client_id)
 
         self._gizmo.on_update(moved)

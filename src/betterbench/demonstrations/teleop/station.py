@@ -158,9 +158,8 @@ class Station:
 
     def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
         """Take a control step toward the requested target, unless the episode is paused."""
-        if (
-            asked.driver != self._driver
-        ):  # another page has taken control: keep the current target until the new page gives a command
+        # If another page has taken control, keep the current target until this page gives a command.
+        if asked.driver != self._driver:
             self._driver, self._target = asked.driver, None
             self._controls.hold_from(session.state.commanded_pose)
         if asked.closed is not None:

@@ -323,7 +323,8 @@ class _Maker:
             kinds.append(kind)
             count = kinds.count(kind)
             target = predicate.target_id
-            if relation == "layer":  # in a stack, each layer is counted from the base
+            # In a stack, the layers are numbered from the base upward.
+            if relation == "layer":
                 target, region = variation.container, str(len(goals) + 1)
             name = f"{relation}_{kind.replace(' ', '_')}" + (f"_{count}" if count > 1 else "")
             word = next((n.text for n in nouns if predicate.subject_id in n.objects), kind.split()[-1])

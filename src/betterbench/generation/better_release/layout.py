@@ -80,7 +80,8 @@ class _Cluster:
     def take_in(self, variation: str, name: str, match: Match) -> None:
         """Add an object of a variation to the cluster, and increase the space that the cluster's slot needs."""
         half_x, half_y = _half_extents(match, self.yaw)
-        if not self.is_target:  # the heading is not known yet
+        # The heading of an object's slot is not known yet, so the longer extent is used in both directions.
+        if not self.is_target:
             half_x = half_y = max(half_x, half_y)
         self.half_x, self.half_y = max(self.half_x, half_x), max(self.half_y, half_y)
         self.users.append((variation, name))
@@ -261,7 +262,8 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
     pairs = _together(clusters)
     rounds = min(_ROUNDS, 30 + _MOST_STEPS // max(1, len(pairs)))
     for number in range(rounds):
-        if number < 2 * rounds // 3:  # afterward, slots are only pushed apart
+        # After this round, slots are only pushed apart.
+        if number < 2 * rounds // 3:
             places += 0.05 * (wished - places)
         for i, j in pairs:
             _push_apart(places, wished, clusters, i, j)
@@ -271,7 +273,8 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
     crowded = []
     for i, j in pairs:
         missing = min(_overlaps(places, clusters, i, j)) - _gap_m(clusters[i], clusters[j])
-        if missing > _ROUNDING_M:  # the objects themselves overlap
+        # The objects overlap, and not only the clearances around them.
+        if missing > _ROUNDING_M:
             crowded.append((clusters[i].name, clusters[j].name, round(missing, 4)))
     return places, tuple(crowded)
 

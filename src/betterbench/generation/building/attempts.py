@@ -122,10 +122,11 @@ def build_task(
                 attempts.append(Attempt(change.words, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
-                task_to_json(known)  # reject a task that cannot be written before the long examination
-                bare = [
-                    c for c in known.training if not c.preplaced
-                ]  # conditions with pre-placed objects start in final states of demonstrations
+                # Before the long examination, reject a task that cannot be written to a file.
+                task_to_json(known)
+                # Conditions with pre-placed objects cannot be built yet, because they start in final states of
+                # demonstrations.
+                bare = [c for c in known.training if not c.preplaced]
                 unseen = badly_framed(known, bare, seeds=settings.seeds)
                 if unseen:
                     attempts.append(Attempt(change.words, _UNSEEN, unseen))

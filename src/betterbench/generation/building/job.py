@@ -226,7 +226,8 @@ def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
     if not path.exists():
         return None
     form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
-    if form.get("key") != _key(item, settings):  # its format may differ
+    # The format of a result with other settings or from another version may differ, so it is not parsed.
+    if form.get("key") != _key(item, settings):
         return None
     return read_form(_RESULT, form, where=str(path), cure=_CURE)
 

@@ -69,9 +69,10 @@ def _phrases_of(noun: str) -> tuple[tuple[frozenset[str], ...], ...]:
     Results are cached, because a noun is compared with every asset.
     """
     said = [[phrase for phrase, _ in concept.alternatives] for concept in understood(noun).concepts]
-    if not said:  # the search ignores "can" as a verb
+    # The result is empty for "can", because the search ignores it as a verb.
+    if not said:
         said = [[tuple(terms(noun))]]
-    elif len(said) == 1:  # and omits it in "trash can"
+    elif len(said) == 1:  # the search omits "can" in "trash can" for the same reason
         said[0][0] = tuple(terms(noun))
     return tuple(tuple(map(frozenset, phrases)) for phrases in said)
 

@@ -121,7 +121,8 @@ def _drawn(
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
     uses: Counter[object] = Counter()
-    known: dict[int, tuple[tuple[object, int], ...]] = {}  # cache by object identity
+    # Cache by the identity of the choice, because most choices are compared many times.
+    known: dict[int, tuple[tuple[object, int], ...]] = {}
 
     def repetition(choice: Choice) -> int:
         if id(choice) not in known:

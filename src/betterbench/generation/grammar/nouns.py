@@ -169,5 +169,5 @@ def _stored() -> Mapping[str, Measures]:
 
 
 def measured_categories() -> tuple[str, ...]:
-    """Return the categories that the grammar uses, sorted."""
+    """Return the sorted categories of the grammar."""
     return tuple(sorted((*PHRASES, "spice_jar")))

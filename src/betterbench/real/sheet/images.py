@@ -30,7 +30,7 @@ def image_of(path: Path) -> np.ndarray:
     data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Use an image of the front camera")
     try:
         with warnings.catch_warnings():
-            # disable Pillow's own limit, because the limit below is smaller
+            # Disable Pillow's own limit on the image size, because the limit checked below is smaller.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             opened = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
         with opened:

@@ -95,7 +95,8 @@ class ScenePage(CommandPage[SceneDesk]):
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "seed", "certify", "undo"):
-            self._status.content = WORKING  # building or certifying a scene takes seconds
+            # Show that work is in progress, because building or certifying a scene takes seconds.
+            self._status.content = WORKING
         if command in self._do:
             self._do[command](value)
         self.show()
