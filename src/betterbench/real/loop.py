@@ -290,7 +290,7 @@ class TrialRun:
         for camera, thread in self._films.items():
             try:
                 made = thread.finish()
-            except InvalidInputError as problem:  # a trial without a film cannot be judged
+            except InvalidInputError as problem:  # a trial without a video cannot be judged
                 self._film_problem, ending = str(problem), None
                 continue
             if made is not None:

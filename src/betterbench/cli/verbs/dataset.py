@@ -36,7 +36,7 @@ def dataset_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make a training set from demonstrations of one training distribution; every record is checked.
+    """Make a training set from demonstrations of one training distribution, and check every record.
 
     Expert demonstrations are adapted to initial states that cover the distribution evenly (see `better amplify`). The
     folder contains the demonstrations as a run, which `better export`, `better materialize` and `better vqa` can read.

@@ -45,7 +45,7 @@ def shortcuts_command(
 
     For runs, each rule is compared with the variations. A variation that breaks a rule distinguishes a policy that
     follows the instruction from a policy that follows the rule. The result is a prediction: the variations ranked by
-    how likely a learner trained on this dataset fails them, with the expected label.
+    the risk that a learner trained on this dataset fails them, with the expected label.
 
     Example: better shortcuts runs/demonstrations --out audit
 

@@ -106,5 +106,5 @@ def is_finite(pose: Pose) -> bool:
 
 
 def unit(pose: Pose) -> Pose:
-    """Normalize the quaternion of a pose, with w >= 0. Use this function for poses from outside this program."""
+    """Normalize the quaternion of a pose so that w >= 0. Use this function for poses from outside this program."""
     return Pose(pose.position, normalize(pose.quaternion))

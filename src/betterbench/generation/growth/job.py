@@ -150,7 +150,7 @@ class PreparedGrowth:
 
 
 def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
-    """Check the settings of a growing suite.
+    """Check the settings for growing a suite.
 
     Raises:
         InvalidInputError: If a number is out of range, the quotas contradict each other, or the grammar has too few
