@@ -303,7 +303,7 @@ class CellComparison:
 
 @dataclass(frozen=True, slots=True)
 class TwinComparison:
-    """Comparison of a policy's diagnostic matrices on the real arm with those in simulation.
+    """Comparison of a policy's diagnostic matrices on the real arm with its matrices in simulation.
 
     Attributes:
         policy: Name of the policy.
@@ -573,7 +573,7 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
 
 
 def compare_matrices(policy: str, real: Sequence[Matrix], twin: Sequence[Matrix], *, run: str = "") -> TwinComparison:
-    """Compare a policy's diagnostic matrices on the real arm with those in simulation, cell by cell."""
+    """Compare a policy's diagnostic matrices on the real arm with its matrices in simulation, cell by cell."""
     cells = []
     for ours, theirs in zip(real, twin, strict=True):
         for row, other in zip(ours.cells, theirs.cells, strict=True):

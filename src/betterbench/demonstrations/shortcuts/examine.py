@@ -624,8 +624,9 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
     """Return the smallest fraction of the demonstrations at which the audit detects a rule about two words.
 
-    In this fraction of the demonstrations, the rule determines the outcome. Both words are assumed to occur in half of
-    the demonstrations. Return None if there are too few demonstrations for any such rule to be detected.
+    The rule determines the outcome in this fraction of the demonstrations, and the outcome is random in the others.
+    Both words are assumed to occur in half of the demonstrations. Return None if there are too few demonstrations for
+    any such rule to be detected.
     """
     if asked.n // 4 < FEWEST:
         return None

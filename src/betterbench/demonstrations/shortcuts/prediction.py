@@ -1,7 +1,7 @@
 """Prediction, before training, of the variations that a policy trained on a data set will fail.
 
-The prediction depends only on the shortcut audit. The risk of a variation increases with the number and strength of the
-rules that do not hold in the variation. A variation in which all rules hold has no predicted risk.
+The prediction depends only on the shortcut audit. The risk of a variation increases with the number and the strength of
+the rules that do not hold in it. A variation in which all rules hold has no predicted risk.
 """
 
 from __future__ import annotations
