@@ -191,8 +191,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the questions that the audit tested for a group of demonstrations, and the questions that it could not
-    test.
+    """Print the questions that the audit tested for a group of demonstrations, and the questions it could not test.
 
     Rules that only reflect the meaning of words are printed too, with a note that they are not shortcuts.
     """
