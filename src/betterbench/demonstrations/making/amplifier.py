@@ -41,7 +41,7 @@ OTHER_INSTANCE_M = 0.05
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the pose at which the gripper opens or closes, within which a skill may begin [m].
 
-The distances are tried in this order. The recorded motion before the beginning of the skill is replaced by the transit.
+The distances are tried in this order. The motion before the beginning of the skill belongs to the transit.
 """
 TURN_RAD = math.pi / 8.0
 """Angle between neighboring grasps of an object that can be grasped from any side [rad]."""

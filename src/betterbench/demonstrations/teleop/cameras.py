@@ -31,7 +31,7 @@ class _Frame:
 
 
 class CameraThread:
-    """Thread that renders the newest state of the scene. States that arrive during rendering are skipped."""
+    """Thread that renders the newest state of the scene. It skips older states that it had no time to render."""
 
     def __init__(
         self,

@@ -23,9 +23,9 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Number of random color choices compared for each goal. The choice with the least-used colors is taken."""
+"""Maximum number of random color choices compared for a goal. The choice with the least-used colors is taken."""
 COMPARED = 400
-"""Number of random goals compared for each context. The goal least similar to earlier goals is taken."""
+"""Maximum number of goals compared for a context. The goal least similar to earlier goals is taken."""
 PATIENCE = 5
 """Number of consecutive answers without a new scenario after which a template is considered exhausted."""
 
